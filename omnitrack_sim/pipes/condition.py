@@ -26,7 +26,19 @@ from omnitrack_sim.pipes.fittings.elbow import Elbow
 from omnitrack_sim.pipes.fittings.relieved import Relieved
 from omnitrack_sim.pipes.fittings.straight import MAX_STEEP, Straight
 from omnitrack_sim.pipes.network import Network, validate
-from omnitrack_sim.pipes.relief import Corrosion, Dent, Deposit, Ovality, Relief, Weld
+from omnitrack_sim.pipes.relief import (
+    MAX_WAVE,
+    MIN_BEAD_HEIGHT,
+    MIN_BEAD_WIDTH,
+    MIN_DENT,
+    MIN_WAVE,
+    Corrosion,
+    Dent,
+    Deposit,
+    Ovality,
+    Relief,
+    Weld,
+)
 
 Kind = Literal["offset", "gap", "step", "weld", "ovality", "deposit", "dent", "corrosion"]
 JOINTS: tuple[Kind, ...] = ("offset", "step", "gap")
@@ -46,8 +58,6 @@ DENT = 6.0
 """Length and width of a dent over its depth; assumed."""
 WAVES = 20.0
 """Wavelength of corrosion over its roughness, as of the default one."""
-LEAST_SIZE, LEAST_BEAD, LEAST_DENT, LEAST_WAVES = 1e-4, 1e-3, 0.01, 0.005
-"""Least size of a defect, and least widths that relief takes, m: in narrow bores."""
 ROUNDED = 5
 """Decimals to which lengths, m, are rounded, so that files are short."""
 _TRIES = 20
@@ -156,7 +166,7 @@ def in_condition(network: Network, condition: str | Path | Condition, seed: int)
             steep = abs(network.pipes.parts[i].pose.rotation[2, 2]) > MAX_STEEP
             rows += ageing.aged(row, bool(steep))
         elif type(fitting) is Elbow and not fitting.relief and fitting.profile is None:
-            aged = ageing.relieved(fitting, in_elbow=True)
+            aged = ageing.relieved(fitting)
             rows.append(row | ({"relief": aged.to_table()["relief"]} if aged.relief else {}))
         else:
             rows.append(row)
@@ -234,7 +244,7 @@ class _Ageing:
 
     def _size(self, defect: Defect, bore: float) -> float:
         """Size of a defect, m."""
-        return round(max(bore * float(self._rng.uniform(*defect.size)), LEAST_SIZE), ROUNDED)
+        return round(max(bore * float(self._rng.uniform(*defect.size)), MIN_BEAD_HEIGHT), ROUNDED)
 
     def _jointed(self, length: float, bore: float) -> list[Coupling | Straight]:
         """Return the parts of a straight, ``length`` m long, with joints drawn into it."""
@@ -275,16 +285,15 @@ class _Ageing:
         aside, back = (Coupling(offset=size, direction=way, inner_diameter=bore) for way in ways)
         return aside, Straight(pipe, bore), back
 
-    def relieved(self, pipe: _Pipe, *, steep: bool = False, in_elbow: bool = False) -> _Pipe:
+    def relieved(self, pipe: _Pipe, *, steep: bool = False) -> _Pipe:
         """Return a pipe with relief drawn into it.
 
         Args:
             pipe: a straight or an elbow.
             steep: see ``aged``.
-            in_elbow: only what is drawn into elbows.
         """
         entries: list[Relief] = []
-        for defect in self._drawn(pipe.axis_length, RELIEF, in_elbow):
+        for defect in self._drawn(pipe.axis_length, RELIEF, isinstance(pipe, Elbow)):
             entry = self._entry(defect, pipe)
             settles = not (steep and defect.kind == "deposit")
             # A wall is rough once, all over.
@@ -316,12 +325,12 @@ class _Ageing:
         if defect.kind == "deposit":
             return Deposit(kind="deposit", at=at(length), length=reach, depth=size)
         if defect.kind == "dent":
-            wide = round(max(DENT * size, LEAST_DENT), ROUNDED)
+            wide = round(max(DENT * size, MIN_DENT), ROUNDED)
             own = {"angle_deg": direction, "depth": size, "length": wide, "width": wide}
             return Dent(kind="dent", at=at(wide), **own)
         if defect.kind == "corrosion":
-            waves = round(float(np.clip(WAVES * size, LEAST_WAVES, 10)), ROUNDED)
+            waves = round(float(np.clip(WAVES * size, MIN_WAVE, MAX_WAVE)), ROUNDED)
             seed = int(rng.integers(2**32))
             return Corrosion(kind="corrosion", roughness=size, wavelength=waves, seed=seed)
-        wide = round(max(BEAD * size, LEAST_BEAD), ROUNDED)
+        wide = round(max(BEAD * size, MIN_BEAD_WIDTH), ROUNDED)
         return Weld(kind="weld", at=at(wide), height=size, width=wide)

@@ -74,6 +74,12 @@ def too_tight(pipe: Relieved) -> str:
     return f"squeezes in a bend of {1 / pipe.curvature:g} m: its mean radius is at least {least}"
 
 
+MIN_BEAD_HEIGHT, MIN_BEAD_WIDTH = 1e-4, 1e-3
+"""Least sizes of a bead, m."""
+MIN_DENT = 0.01
+"""Least length and width of a dent, m."""
+MIN_WAVE, MAX_WAVE = 0.005, 10.0
+"""Least and largest wavelength of corrosion, m."""
 At = Annotated[float, Field(ge=0, le=1000), Unit("m")]
 
 
@@ -143,9 +149,9 @@ class Weld(Relief):
     wall's mean radius and second harmonic."""
     at: At
     """Its middle, from the port `start`."""
-    height: Annotated[float, Field(ge=1e-4, le=1), Unit("m")] = 0.003
+    height: Annotated[float, Field(ge=MIN_BEAD_HEIGHT, le=1), Unit("m")] = 0.003
     """Above the wall, at most half the width; 3 mm is assumed."""
-    width: Annotated[float, Field(ge=1e-3, le=1), Unit("m")] = 0.010
+    width: Annotated[float, Field(ge=MIN_BEAD_WIDTH, le=1), Unit("m")] = 0.010
     """Along the pipe; 10 mm is assumed."""
     from_deg: Annotated[Angle, Unit("deg")] = 0.0
     """Where it begins, about the axis from the x axis."""
@@ -247,9 +253,9 @@ class Dent(Relief):
     """Of its middle, about the axis from the x axis."""
     depth: Annotated[Positive, Unit("m")]
     """In its middle, at most half the bore's radius, and a quarter of length and width."""
-    length: Annotated[float, Field(ge=0.01, le=1000), Unit("m")]
+    length: Annotated[float, Field(ge=MIN_DENT, le=1000), Unit("m")]
     """Along the pipe, from edge to edge."""
-    width: Annotated[float, Field(ge=0.01, le=1000), Unit("m")]
+    width: Annotated[float, Field(ge=MIN_DENT, le=1000), Unit("m")]
     """Round the pipe, from edge to edge, less than the way round."""
 
     def problems(self, pipe: Relieved) -> Iterator[tuple[str, str]]:
@@ -286,7 +292,7 @@ class Corrosion(Relief):
     """Random waves all over the pipe, which die out over one wavelength at both ports."""
     roughness: Annotated[Positive, Unit("m")] = 0.001
     """Standard deviation of the height, at most a sixteenth of the wavelength; 1 mm is assumed."""
-    wavelength: Annotated[float, Field(ge=0.005, le=10), Unit("m")] = 0.02
+    wavelength: Annotated[float, Field(ge=MIN_WAVE, le=MAX_WAVE), Unit("m")] = 0.02
     """Of the waves, most of which are within a fifth of it; 20 mm is assumed."""
     seed: Annotated[int, Field(ge=0, le=2**32), Unit("1")] = 0
     """Other waves for each."""

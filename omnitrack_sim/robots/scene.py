@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import operator
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -51,7 +50,7 @@ def scene(robot: Robot, network: Assembly, options: SceneOptions) -> mujoco.MjSp
 
 def _touching_bits(spec: mujoco.MjSpec) -> dict[str, int]:
     """Return the bits with which walls touch whatever of a robot can touch anything."""
-    bits = functools.reduce(operator.or_, (g.contype | g.conaffinity for g in spec.geoms), 1)
+    bits = reduce(operator.or_, (g.contype | g.conaffinity for g in spec.geoms), 1)
     return {"contype": bits, "conaffinity": bits}
 
 

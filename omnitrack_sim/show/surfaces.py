@@ -254,9 +254,10 @@ def rings(part: Part) -> list[Surface]:
             height = MARK_HEIGHT * bore
             radius = first + (last - first) * middle / line.length - height
             ends = radius * np.einsum("sij,kj->ski", line.frame(s), edge)
-            points, normal = line.at(s)[0][:, None] + ends, -unit(ends)  # (2, k, 3)
+            axis, out = line.at(s)[0][:, None], unit(ends)  # (2, 1, 3), (2, k, 3)
+            points, normal = axis + ends, -out
             if has_relief:
-                points, normal = _onto_wall(part, points - ends, -normal, height)
+                points, normal = _onto_wall(part, axis, out, height)
             off = np.abs(part.signed_distance(points)[0] - height) > MARK_OFF * bore
             whole = ~(off[:, :-1] | off[:, 1:]).any(axis=0)
             if whole.any():
