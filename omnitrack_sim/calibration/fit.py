@@ -484,7 +484,7 @@ class _Fit:
         changes = residuals[:, 1:] - residuals[:, :1]
         slopes = np.linalg.lstsq(ways, changes.T)[0].T
         own, other = np.split(changes - slopes @ ways.T, 2, axis=1)
-        return slopes, np.abs(own + other) / 2
+        return np.asarray(slopes, float), np.abs(own + other) / 2
 
     def _information(self, values: Array) -> Array:
         """Return what the logs tell (p, p) of relative changes of the values."""
