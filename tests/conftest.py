@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
-from fcntl import LOCK_EX, flock
 from functools import cache
 from pathlib import Path
 
@@ -24,16 +23,20 @@ from omnitrack_sim.walls.collider import install
 # A process of a user's makes its commands once, that of the tests for each of hundreds of calls.
 typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
 
-LONGEST = ["test_robot_claims", SITE := "test_site"]
+WITHOUT_WALLS = ["test_recognition", "test_exploring_random", "test_reach", "test_passport_laws"]
+"""Files that put no robot into pipes and start no process."""
+LONGEST = ["test_robot_claims", "test_physics", SITE := "test_site", *WITHOUT_WALLS]
 """Files that take longest, in the order in which they begin. Whole files go to the processes of
-`make test`: a long one that began last would leave the others idle. While the first compiles the
-walls, of a fresh checkout, the second builds the site, which needs none."""
+`make test`: a long one that began last would leave the others idle. While one process compiles the
+walls, of a fresh checkout, the others run files that need none."""
 LONGEST += [
-    *("test_recognition", "test_sweep_workers", "test_exploring_onboard", "test_viewer"),
-    *("test_notebook", "test_collider", "test_render", "test_study_run", "test_physics"),
-    *("test_plots", "test_any_robot", "test_docs", "test_exploring_run", "test_mission_run"),
-    *("test_cli", "test_sweep_run", "test_fittings", "test_make_figures", "test_reproduce"),
-    *("test_gym", "test_onboard", "test_docstrings", "test_layers", "test_pictures"),
+    *("test_sweep_workers", "test_exploring_onboard", "test_viewer", "test_any_robot"),
+    *("test_notebook", "test_plots", "test_recording", "test_collider", "test_render"),
+    *("test_odometry", "test_published", "test_study_run", "test_mission_run", "test_presser"),
+    *("test_docs", "test_exploring_run", "test_cli", "test_sweep_run", "test_fittings"),
+    *("test_make_figures", "test_reproduce", "test_couplings", "test_onboard", "test_relief"),
+    *("test_sway", "test_robots", "test_calibrate", "test_gym", "test_docstrings"),
+    *("test_layers", "test_pictures"),
 ]
 
 
@@ -59,12 +62,9 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(scope="module", autouse=True)
 def walls(request: pytest.FixtureRequest) -> None:
     """Exact walls are compiled before a test starts a process, which would tell of it."""
-    if request.path.stem != SITE:
-        # Of a fresh checkout: one process compiles for half a minute, the others wait and load.
-        with Path(__file__).open("rb") as lock:
-            flock(lock, LOCK_EX)
-            install()
-            install_lines()
+    if request.path.stem not in {SITE, *WITHOUT_WALLS}:
+        install()
+        install_lines()
 
 
 @pytest.fixture(scope="session")

@@ -134,35 +134,39 @@ def tee(**changes: Any) -> ot.Scenario:
     return rolling_tee(**(base | changes))
 
 
-@functools.cache
-def alone(path: str | None = None) -> ot.Result:
-    """The result of a turn, or of that with the other value at a path, on its own."""
-    changes = {} if path is None else {path: OTHER[path]}
-    (result,) = ot.run_batch([tee(**changes)], threads=1, no_load=False)
-    return result
-
-
 def test_another_value_is_there_for_all_that_is_taken_of_each() -> None:
     """``OTHER`` has a value for every path of ``EACH``."""
     assert set(EACH.values()) <= set(OTHER)
 
 
 @functools.cache
-def together() -> dict[str | None, ot.Result]:
-    """Results of a turn, and of that with the other value at each path, in one batch."""
-    scenarios = [tee(), *(tee(**{path: value}) for path, value in OTHER.items())]
+def together(order: int = 1) -> dict[str | None, ot.Result]:
+    """Results of a turn, and of that with the other value at each path, in one batch.
+
+    Args:
+        order: of the robots in it; -1 begins with the last one.
+    """
+    paths = [None, *OTHER][::order]
+    scenarios = [tee() if path is None else tee(**{path: OTHER[path]}) for path in paths]
     assert len({batch_key(scenario.model_dump(mode="json")) for scenario in scenarios}) == 1
     simulation = ot.Simulation(scenarios)
     simulation.advance()
-    return dict(zip((None, *OTHER), simulation.results(), strict=True))
+    return dict(zip(paths, simulation.results(), strict=True))
 
 
-@pytest.mark.parametrize("path", [None, *OTHER])
-def test_robots_that_differ_share_a_batch_and_not_their_numbers(path: str | None) -> None:
+def test_robots_that_differ_share_a_batch_and_not_their_numbers() -> None:
     """Robots that differ in what is taken of each run in one batch, and each has the bytes that it
-    has alone; the other value leads to another record, so that the comparison can fail."""
-    assert same_result(together()[path], alone(path))
-    assert same_record(alone(), alone(path)) is (path is None)
+    has alone, or beside others than before; the other value leads to another record, so that the
+    comparison can fail."""
+    results = together()
+    for path in (None, "start.theta5_deg", "robot.motor.torque_limit", "pull.force"):
+        (alone,) = ot.run_batch(
+            [tee() if path is None else tee(**{path: OTHER[path]})], threads=1, no_load=False
+        )
+        assert same_result(results[path], alone), path
+    for path, result in together(-1).items():
+        assert same_result(results[path], result), path
+        assert same_record(results[None], result) is (path is None), path
 
 
 def test_currents_of_a_batch_are_those_of_each_robots_own_winding() -> None:

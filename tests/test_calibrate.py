@@ -10,8 +10,9 @@ import pytest
 from mcap.writer import Writer
 
 import omnitrack_sim as ot
+from omnitrack_sim.calibration import fit as fitting
 from omnitrack_sim.calibration.calibration import FittedColumn
-from omnitrack_sim.calibration.compare import targets_of
+from omnitrack_sim.calibration.compare import Target, targets_of
 from omnitrack_sim.calibration.contradictions import contradictions_of
 from omnitrack_sim.calibration.doubt import (
     draw_within,
@@ -154,6 +155,51 @@ def test_what_a_parameter_changes_is_told_by_the_samples_that_count():
     weights = np.repeat([2.0, 0.0], 100)
     expected = np.sqrt(np.mean(slopes**2, axis=0))
     np.testing.assert_allclose(effects_of(noisy, weights), expected)
+
+
+class _Rippled:
+    """Runs of a plain course, that tells a product well and a ratio hardly, with ripples over the
+    values as fine as those of contacts."""
+
+    def __init__(self, seed):
+        self.time, self.rng = np.linspace(0.0, 10.0, 200), np.random.default_rng(seed)
+        measured = self.rng.normal(0.0, 0.01, (2, 200)) + self.course(np.array([1.2, 0.85]))
+        channels = [ot.Channel(name, (), "N", "a force") for name in ("strong", "weak")]
+        self.targets = [
+            Target(0, channel.name, channel, self.time, values, 0.01)
+            for channel, values in zip(channels, measured, strict=True)
+        ]
+        self.logs = [ot.Log("log", self.time, {})]
+        self.parameters = [
+            Parameter(path, 1.0, 0.2, 5.0, "", "assumed", 1.0)
+            for path in ("world.friction", "robot.preload")
+        ]
+        self.known, self.notes = np.zeros((0, 2)), []
+
+    def course(self, values):
+        """Return both columns (2, m)."""
+        a, b = values
+        phase = 4e3 * a + 5e3 * b + np.arange(200)
+        ripple = 0.003 * np.sin(np.outer([1.0, 1.3], phase))
+        return np.stack([a * b * np.sin(self.time), 0.1 * a / b * np.cos(self.time)]) + ripple
+
+    def points(self, sets):
+        """Return what comes of sets of values (k, p)."""
+        self.known = np.unique(np.vstack([self.known, sets]), axis=0)
+        ends = [(10.0, ot.Outcome.REACHED_GOAL)]
+        return [fitting.Point([*self.course(values)], ends) for values in sets]
+
+
+def test_ripples_tell_nothing_of_what_logs_hardly_tell():
+    """A ratio is off by what is stated, and stated as well as its course allows, though short steps
+    change it by less than its ripples."""
+    errors, stated, slope = [], [], np.array([1 / 1.2, -1 / 0.85])
+    for seed in range(20):
+        found = fitting._Fit(_Rippled(seed), 0.01, None).result()
+        errors.append(slope @ (found.values - [1.2, 0.85]))
+        stated.append(np.sqrt(slope @ found.covariance @ slope))
+    assert 0.4 < np.sqrt(np.mean(np.square(errors) / np.square(stated))) < 1.5
+    assert np.median(stated) < 0.03
 
 
 def test_a_log_tells_nothing_less_than_nothing():

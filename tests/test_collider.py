@@ -5,8 +5,10 @@ import json
 import math
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from ctypes import CFUNCTYPE
 from hashlib import sha256
+from threading import Barrier
 
 import mujoco
 import numpy as np
@@ -22,6 +24,7 @@ from omnitrack_sim.pipes import (
     Step,
     Straight,
     Tee,
+    native,
     route,
 )
 from omnitrack_sim.pipes.fittings import reducer
@@ -541,6 +544,29 @@ def test_code_that_is_damaged_or_lacks_something_is_compiled_again(tmp_path, mon
         assert load_file(file) is None
         assert call(_third, signature).ctypes(1.0) == 1 / 3
         assert load_file(file)
+
+
+@pytest.mark.parametrize("may_write", [True, False])
+def test_who_needs_code_that_another_compiles_waits_and_loads_it(tmp_path, monkeypatch, may_write):
+    """It is compiled once, and nothing but the code is left; where nothing may be written, each
+    compiles its own."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path if may_write else "/dev/null/cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    made, compiled, together = native._made, [], Barrier(3)
+
+    def counted(*arguments):
+        compiled.append(arguments)
+        return made(*arguments)
+
+    def call(_):
+        together.wait()
+        return c_function.__wrapped__(_third, CFUNCTYPE(NUMBER, NUMBER)).ctypes(1.0)
+
+    monkeypatch.setattr(native, "_made", counted)
+    with ThreadPoolExecutor(3) as threads:
+        assert [*threads.map(call, range(3))] == 3 * [1 / 3]
+    assert len(compiled) == (1 if may_write else 3)
+    assert [path.suffix for path in tmp_path.iterdir()] == [".o"] * may_write
 
 
 def test_code_on_disk_is_known_by_all_that_it_depends_on(monkeypatch):

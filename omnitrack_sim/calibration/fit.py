@@ -42,9 +42,10 @@ SEARCHED = 12
 slips or does not, a small step from a bad start changes nothing."""
 SEARCH_TIMES = 3.0
 """They lie between the start values over this and times this, and within the ranges."""
-STEP = 0.01
-"""Step of finite differences, as a part of a value: above the jitter of contacts, below the
-curvature."""
+STEP, LONGEST = 0.01, 0.1
+"""Steps of finite differences, as parts of values: the first ones, and the least later on, above
+the jitter of contacts; and the longest. Between them a step is as long as the doubt is wide: along
+what the logs hardly tell, a short one would measure little but chance."""
 MODEL_ERROR = 0.01
 """Part by which a model is wrong, unless told otherwise; see ``model_error.ModelError``. Robots
 that differ from the model by their walls, their lugs and the time step alone seem to have a grip
@@ -212,6 +213,11 @@ class _Runs:
             self._known |= dict(zip(new, self._simulate([*new.values()]), strict=True))
         return [self._known[own.tobytes()] for own in sets]
 
+    @property
+    def known(self) -> Array:
+        """The sets of values (k, p) that were simulated."""
+        return np.array([np.frombuffer(own) for own in self._known])
+
     def _simulate(self, sets: Sequence[Array]) -> list[Point]:
         """Run all logs with each of several sets of values, those that share a model in a batch."""
         valid: list[tuple[int, int, Scenario]] = []
@@ -273,16 +279,19 @@ class _Fit:
         self._target_of = np.repeat(np.arange(len(runs.targets)), lengths)
         self._errors: list[ModelError] = []
         self._place = np.full(len(self._start), np.inf)
+        self._steps = STEP * np.eye(len(self._start))
         self.independent: list[float] = []
 
     def result(self) -> Calibration:
         """Fit the parameters, and return them with their doubt."""
         values, number = self._search(), 0
         self._weigh(values, at_start=True)
+        information = self._information(values)
         while True:
             number += 1
             self._tell(number / (ROUNDS + 1), f"round {number} of up to {ROUNDS}")
-            before, values = values, self._descend(values)
+            before, values = values, self._best(self._descend(values))
+            self._steps = self._longer(information)
             self._weigh(values)
             information = self._information(values)
             covariance = self._covariance(values, information)
@@ -419,9 +428,8 @@ class _Fit:
             if at_start:
                 residual = residual - slopes[rows] @ np.linalg.lstsq(slopes[rows], residual)[0]
             chance = smoothed(np.sum(doubts[rows] ** 2, axis=1), target.time)
-            size = smoothed(np.sum(slopes[rows] ** 2, axis=1), target.time)
+            size = smoothed(np.sum((slopes[rows] @ self._steps) ** 2, axis=1), target.time)
             share = foreseeable(size, chance)
-            chance *= self._model_error**2
             least = self._model_error * self._sizes[t]
             spread = noise_of(residual, chance + max(target.noise, least, 1e-12) ** 2)
             noise = np.sqrt(spread**2 + max(least, 1e-12) ** 2 + chance)
@@ -439,45 +447,58 @@ class _Fit:
             self._errors.append(ModelError.of(self._model_error, weighted[of], own))
 
     def _jacobian(self, coordinates: Array) -> Array:
-        """Return the derivatives (r, p) of the weighted residuals, by differences to one side."""
-        ahead, behind, _ = self._sides(coordinates)
-        room = np.diag(ahead) > coordinates  # else it lies at the upper end of its range
-        sides = np.where(room[:, None], ahead, behind)
-        residuals = self._residuals(self._values(np.vstack([coordinates, sides])))
-        return (residuals[:, 1:] - residuals[:, :1]) / (np.diag(sides) - coordinates)
+        """Return the derivatives (r, p) of the weighted residuals."""
+        slopes, _ = self._differences(self._values(coordinates))
+        slopes *= np.concatenate(self._weights)[:, None]
+        for i, error in enumerate(self._errors):
+            slopes[self._log_of == i] = error.whitened(slopes[self._log_of == i])
+        return np.vstack([slopes, np.diag(1 / self._prior)])
 
-    def _sides(self, coordinates: Array) -> tuple[Array, Array, Array]:
-        """Return coordinates (p, p) a step ahead and behind in each, and the ways between (p,)."""
-        low, high = (self._coordinates(end) for end in (self._low, self._high))
-        steps = STEP * np.eye(len(coordinates))
-        ahead, behind = np.minimum(coordinates + steps, high), np.maximum(coordinates - steps, low)
-        return ahead, behind, np.diag(ahead) - np.diag(behind)
+    def _longer(self, information: Array) -> Array:
+        """Return steps (p, p), one a column: the axes of the doubt, and those of before, if longer.
+
+        Else a doubt that long steps have made small would lead back to short ones, which measure
+        chance again.
+        """
+        variances, axes = np.linalg.eigh(np.linalg.inv(information + np.diag(self._prior**-2.0)))
+        before = np.linalg.norm(self._steps.T @ axes, axis=0)
+        return axes * np.maximum(np.sqrt(variances), before).clip(STEP, LONGEST)
+
+    def _best(self, values: Array) -> Array:
+        """Return the values (p,) of the least sum of squares among all that were simulated."""
+        sets = np.vstack([values, self._runs.known])
+        return sets[np.argmin(self._costs(sets))]
 
     def _differences(self, values: Array) -> tuple[Array, Array]:
-        """Return first derivatives (r, p) of the logs' residuals, and their doubt.
+        """Return first derivatives (r, p) of the logs' residuals, and their chance (r, p).
 
-        By relative changes of the values. Where a robot sticks and slips, a small change leads to
-        another course: the residual with a value in the middle of two others is not in the middle
-        of theirs, and what they differ by is as much chance as slope.
+        The first by relative changes of the values, the second by the steps. Where a robot sticks
+        and slips, a small change leads to another course: the residual in the middle of two others
+        is not in the middle of theirs, and what they differ by is as much chance as slope.
         """
-        coordinates = self._coordinates(values)
-        ahead, behind, lengths = self._sides(coordinates)
-        sets = self._values(np.vstack([coordinates, ahead, behind]))
-        residuals = self._unweighted(sets)
-        middle, (own, other) = residuals[:, :1], np.split(residuals[:, 1:], 2, axis=1)
-        return (own - other) / lengths, np.abs(own + other - 2 * middle) / lengths
+        low, high = (self._coordinates(end) for end in (self._low, self._high))
+        at = self._coordinates(values)
+        ends = np.vstack([at + self._steps.T, at - self._steps.T]).clip(low, high)
+        ways = ends - at
+        residuals = self._unweighted(np.vstack([values, self._values(ends)]))
+        changes = residuals[:, 1:] - residuals[:, :1]
+        slopes = np.linalg.lstsq(ways, changes.T)[0].T
+        own, other = np.split(changes - slopes @ ways.T, 2, axis=1)
+        return np.asarray(slopes, float), np.abs(own + other) / 2
 
     def _information(self, values: Array) -> Array:
         """Return what the logs tell (p, p) of relative changes of the values."""
         weights = np.concatenate(self._weights)[:, None]
         slopes, doubts = (weights * own for own in self._differences(values))
+        along = slopes @ self._steps
         told = np.zeros((len(values), len(values)))
+        back = np.linalg.inv(self._steps)
         for i, error in enumerate(self._errors):
             own = np.zeros_like(told)
             for t in np.unique(self._target_of[self._log_of == i]):
                 rows = self._target_of == t
-                own += information_of(slopes[rows], doubts[rows])
-            told += error.bounded(own)
+                own += information_of(along[rows], doubts[rows])
+            told += error.bounded(back.T @ own @ back)
         return told
 
     def _covariance(self, values: Array, information: Array) -> Array:

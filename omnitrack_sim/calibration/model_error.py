@@ -73,8 +73,8 @@ class ModelError:
         return cls(deviations, directions, 1 - 1 / np.sqrt(1 + strengths**2))
 
     def whitened(self, residuals: Array) -> Array:
-        """Return residuals (r,) over their noise by C^-1/2 instead of N^-1/2."""
-        return residuals - self.directions @ (self.cuts * (self.directions.T @ residuals))
+        """Return residuals (r,) or (r, k) over their noise by C^-1/2 instead of N^-1/2."""
+        return residuals - (residuals.T @ self.directions * self.cuts @ self.directions.T).T
 
     def bounded(self, information: Array) -> Array:
         """Return what a log tells (p, p) that would tell ``information`` with a perfect model."""

@@ -16,7 +16,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from ctypes import CFUNCTYPE
 from dataclasses import dataclass
 from functools import cache, wraps
@@ -35,6 +35,8 @@ from omnitrack_sim.base.writing import write_file
 _CHECKSUM = hashlib.sha256().digest_size
 _HELPERS = "numba_", "NRT_"
 """What the names of numba's own functions begin with, which compiled code calls where it raises."""
+_PATIENCE = 300.0
+"""s, for which a process waits for another that compiles the same function."""
 _engines: list[Any] = []
 """Those that hold what has been loaded, for good."""
 
@@ -254,16 +256,43 @@ def c_function(function: Callable[..., Any], signature: Any, is_long: bool = Fal
     file = code_file(source, name, _digest(function, signature))
     address = load_file(file)
     if address is None:
-        if is_long:
-            announce()
-        code = object_code(_made(function, signature))
-        address = load_code(code)
-        if address is None:
-            raise CompilationError(f"{name} refers to what this process lacks")
-        with suppress(OSError, OutputError):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_file(file, hashlib.sha256(code).digest() + code)
+        with _alone(file):
+            address = load_file(file)
+            if address is None:
+                if is_long:
+                    announce()
+                address = _compile(function, signature, file)
     return CFunction(address, signature(address))
+
+
+@contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Let one process at a time make a file, while others wait for it."""
+    from filelock import FileLock  # only where something is compiled
+
+    lock = file.with_suffix(".lock")
+    with ExitStack() as stack:
+        # Without a lock, where nothing can be written or the other hangs, each makes its own.
+        with suppress(OSError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(FileLock(lock, timeout=_PATIENCE))
+        try:
+            yield
+        finally:
+            # Those who wait find the code, and need the lock no more.
+            with suppress(OSError):
+                lock.unlink()
+
+
+def _compile(function: Callable[..., Any], signature: Any, file: Path) -> int:
+    """Compile a function, keep its code in a file and return its address."""
+    code = object_code(_made(function, signature))
+    address = load_code(code)
+    if address is None:
+        raise CompilationError(f"{function.__qualname__} refers to what this process lacks")
+    with suppress(OSError, OutputError):
+        write_file(file, hashlib.sha256(code).digest() + code)
+    return address
 
 
 def _made(python: Callable[..., Any], signature: Any) -> Any:
