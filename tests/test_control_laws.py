@@ -368,6 +368,22 @@ def test_a_robot_is_turned_by_its_heading_error_up_to_a_limit() -> None:
     assert table.gain * 0.3 < table.rotation_limit < table.gain * 0.6
 
 
+def test_a_robot_that_points_to_where_it_looks_turns_with_the_bend_up_to_its_end() -> None:
+    """By the curvature of an elbow of 90 degrees, until it looks at the straight behind it."""
+    bench = Bench(scenario_of("elbow"))
+    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+    ahead, end = bench.scenario.control_parameters.tracking.lookahead, float(bench.routes.end[0])
+    radius = bench.scenario.route.network.parts[1].fitting.mean_radius
+    for before_end, rate in ((3 * ahead, 1 / radius), (1.1 * ahead, 1 / radius), (0.9 * ahead, 0)):
+        at = end - before_end
+        axis = bench.observe(at).rotation[0, :, 2]
+        (tangent,) = bench.routes.tangents(np.array([[at + ahead]]), bench.route)[0]
+        turn = unit(cross(axis, tangent)) * angle_between(axis, tangent)
+        seen = bench.observe(at, tilt=turn)
+        wanted = tracking.wanted_rotation(seen.location, seen.rotation, one, 0 * one, UPRIGHT)
+        assert wanted[0] == pytest.approx(rate * unit(turn), abs=1e-6)
+
+
 def test_a_robot_beside_the_centreline_heads_back_to_it_at_a_low_slope() -> None:
     """In proportion to its offset, and by less than 10 degrees however far it is beside."""
     bench = Bench(scenario_of("elbow"))

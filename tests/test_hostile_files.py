@@ -22,11 +22,11 @@ from samples import sample_result
 from town_samples import passport
 
 import omnitrack_sim as ot
-from omnitrack_sim.base.bounds import MAX_TRIALS
+from omnitrack_sim.base.bounds import MAX_MODEL_FILES, MAX_TRIALS
 from omnitrack_sim.base.errors import OmnitrackError
 from omnitrack_sim.cli.common import settings_of
 from omnitrack_sim.trials.suite import load_suite
-from omnitrack_sim.walls.model_bounds import check_binary
+from omnitrack_sim.walls.model_bounds import check_binary, check_model
 
 PATIENCE = 5.0
 """Time, s, in which a file is refused on a machine that does other things, too; alone it takes
@@ -325,6 +325,21 @@ def test_a_town_at_an_absurd_scale_is_refused(scale, tmp_path):
     pytest.importorskip("wntr")
     (tmp_path / "town.inp").write_text(TOWN.format(**SIZES))
     refused(lambda: ot.import_network(tmp_path / "town.inp", scale=scale))
+
+
+def test_files_that_a_model_names_count_together(tmp_path):
+    """Each is small enough, both are not."""
+    names = ("one.stl", "other.stl")
+    for name in names:
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(MAX_MODEL_FILES // 2 + 1)  # takes no room on the disk
+    for count in (1, 2):
+        meshes = "".join(f'<mesh file="{name}"/>' for name in names[:count])
+        (tmp_path / "model.xml").write_text(f"<mujoco><asset>{meshes}</asset></mujoco>")
+        if count == 1:
+            check_model(tmp_path / "model.xml")
+    with pytest.raises(ValueError, match="bytes of files; at most"):
+        check_model(tmp_path / "model.xml")
 
 
 def test_every_size_of_a_binary_model_is_bounded():

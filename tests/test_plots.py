@@ -265,9 +265,10 @@ def test_a_chart_that_there_is_not_is_refused(given, told):
 
 
 def test_a_view_of_a_network_goes_into_an_axis():
-    """The view that is asked for, with the parts that it shows lengthwise; others are refused."""
+    """The view that is asked for, with the parts that it shows lengthwise; others are refused. What
+    comes back is the whole figure, also of an axis in a part of one."""
     figure = Figure()
-    axis = figure.subplots()
+    axis = figure.subfigures(1, 2)[0].subplots()
     assert ot.plot_network(NETWORK, view="plan", ax=axis) is figure
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [m]", "y [m]")
     names = {text.get_text() for text in axis.texts}

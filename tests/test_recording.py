@@ -235,7 +235,7 @@ def test_lines_of_forces_fit_into_the_picture(rolling):
 
 def test_films_and_strips_are_whole_files(rolling, tmp_path):
     """The same recording gives the same bytes."""
-    small = {"width": 64, "height": 36, "fps": 5}
+    small = {"width": 64, "height": 36, "fps": 2}
     films = [
         ot.render_video(rolling, path=tmp_path / f"{n}.gif", processes=n, **small) for n in (1, 2)
     ]

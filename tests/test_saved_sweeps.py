@@ -12,6 +12,7 @@ from sweep_samples import VALID, parts, small_sweep, write_sweep
 import omnitrack_sim as ot
 from omnitrack_sim.cli import runs as cli_runs
 from omnitrack_sim.trials import dispatch
+from omnitrack_sim.trials.store import _differences
 from omnitrack_sim.trials.table import failures
 
 
@@ -31,6 +32,16 @@ def test_a_finished_sweep_is_read_back_as_it_was_run(calm, monkeypatch):
     assert (read.plan, read.plan.hash) == (ran.plan, ran.plan.hash)
     assert read.table.equals(ran.table)
     assert (read.summary, read.folder, read.status) == (ran.summary, calm, ran.status)
+
+
+def test_of_many_differences_five_are_told_and_the_others_counted():
+    """In a line; keys that may differ are none, and without any the program is another one."""
+    ours = dict.fromkeys("abcdefg", 1)
+    there = dict.fromkeys("abcdefg", 0)
+    for count, rest in ((5, ""), (6, " and 1 more"), (7, " and 2 more")):
+        told = _differences(there, ours, "abcdefg"[count:])
+        assert told == ", ".join(f"{name} is 0 there and 1 here" for name in "abcde") + rest
+    assert "another version" in _differences(there, ours, "abcdefg")
 
 
 def test_an_unfinished_sweep_has_the_trials_that_are_done(place, table):

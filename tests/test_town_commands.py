@@ -42,9 +42,10 @@ def invoked(*arguments: str):
             },
         ),
         (
-            "--friction 0.5 --tether-m 3 --tether friction=0.4 --tether weight=2",
+            "--friction 0.5 --from top --tether-m 3 --tether friction=0.4 --tether weight=2",
             {
                 "friction": (0.5, 0.5),
+                "launches": ["top"],
                 "tether": ot.Tether(length=3.0, friction=0.4, weight=2.0),
             },
         ),

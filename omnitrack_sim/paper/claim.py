@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter, UserDict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import StrEnum
@@ -161,21 +161,15 @@ class Claim:
         return Finding(self, measurement, quick, driving(r for own in read.values() for r in own))
 
 
-class _Reading(Mapping[str, Sequence[Result]]):
+class _Reading(UserDict[str, Sequence[Result]]):
     """Runs that keep those that a claim reads."""
 
     def __init__(self, runs: Mapping[str, Sequence[Result]]) -> None:
-        self.runs, self.read = runs, dict[str, Sequence[Result]]()
+        super().__init__(runs)
+        self.read: dict[str, Sequence[Result]] = {}
 
     def __getitem__(self, name: str) -> Sequence[Result]:
-        self.read[name] = self.runs[name]
-        return self.runs[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.runs)
-
-    def __len__(self) -> int:
-        return len(self.runs)
+        return self.read.setdefault(name, super().__getitem__(name))
 
 
 CONTROLLERS = {
