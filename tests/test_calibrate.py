@@ -157,31 +157,32 @@ def test_what_a_parameter_changes_is_told_by_the_samples_that_count():
     np.testing.assert_allclose(effects_of(noisy, weights), expected)
 
 
-class _Rippled:
-    """Runs of a plain course, that tells a product well and a ratio hardly, with ripples over the
-    values as fine as those of contacts."""
+TIME = np.linspace(0.0, 10.0, 200)
 
-    def __init__(self, seed):
-        self.time, self.rng = np.linspace(0.0, 10.0, 200), np.random.default_rng(seed)
-        measured = self.rng.normal(0.0, 0.01, (2, 200)) + self.course(np.array([1.2, 0.85]))
-        channels = [ot.Channel(name, (), "N", "a force") for name in ("strong", "weak")]
+
+class _Formulas:
+    """Runs that follow a formula, and a log of it with noise.
+
+    Args:
+        course: of values (p,) to columns (k, m).
+        true: values that the log is made with.
+        shift: samples by which it is late.
+        seed: of its noise.
+    """
+
+    def __init__(self, course, true, *, shift=0, seed=0):
+        self.course, self.known, self.notes = course, np.zeros((0, len(true))), []
+        clean = np.roll(course(np.array(true)), shift, axis=-1)
+        measured = clean + np.random.default_rng(seed).normal(0.0, 0.01, clean.shape)
+        channels = [ot.Channel(f"force_{k}", (), "N", "a force") for k in range(len(clean))]
         self.targets = [
-            Target(0, channel.name, channel, self.time, values, 0.01)
+            Target(0, channel.name, channel, TIME, values, 0.01)
             for channel, values in zip(channels, measured, strict=True)
         ]
-        self.logs = [ot.Log("log", self.time, {})]
+        self.logs = [ot.Log("log", TIME, {})]
         self.parameters = [
-            Parameter(path, 1.0, 0.2, 5.0, "", "assumed", 1.0)
-            for path in ("world.friction", "robot.preload")
+            Parameter(f"number_{i}", 1.0, 0.2, 5.0, "", "assumed", 1.0) for i in range(len(true))
         ]
-        self.known, self.notes = np.zeros((0, 2)), []
-
-    def course(self, values):
-        """Return both columns (2, m)."""
-        a, b = values
-        phase = 4e3 * a + 5e3 * b + np.arange(200)
-        ripple = 0.003 * np.sin(np.outer([1.0, 1.3], phase))
-        return np.stack([a * b * np.sin(self.time), 0.1 * a / b * np.cos(self.time)]) + ripple
 
     def points(self, sets):
         """Return what comes of sets of values (k, p)."""
@@ -190,16 +191,36 @@ class _Rippled:
         return [fitting.Point([*self.course(values)], ends) for values in sets]
 
 
+def _rippled(values):
+    """Return a column that tells the product of two numbers, and one that hardly tells their ratio,
+    with ripples over the numbers as fine as those of contacts."""
+    a, b = values
+    ripple = 0.003 * np.sin(np.outer([1.0, 1.3], 4e3 * a + 5e3 * b + np.arange(200)))
+    return np.stack([a * b * np.sin(TIME), 0.1 * a / b * np.cos(TIME)]) + ripple
+
+
+def _pulsed(values):
+    """Return a steady column with a pulse of ten times its height, two samples wide."""
+    return values[:1, None] * (1.0 + 10.0 * np.exp(-(((TIME - 5.0) / 0.1) ** 2)))
+
+
 def test_ripples_tell_nothing_of_what_logs_hardly_tell():
     """A ratio is off by what is stated, and stated as well as its course allows, though short steps
     change it by less than its ripples."""
     errors, stated, slope = [], [], np.array([1 / 1.2, -1 / 0.85])
     for seed in range(20):
-        found = fitting._Fit(_Rippled(seed), 0.01, None).result()
+        found = fitting._Fit(_Formulas(_rippled, [1.2, 0.85], seed=seed), 0.01, None).result()
         errors.append(slope @ (found.values - [1.2, 0.85]))
         stated.append(np.sqrt(slope @ found.covariance @ slope))
     assert 0.4 < np.sqrt(np.mean(np.square(errors) / np.square(stated))) < 1.5
     assert np.median(stated) < 0.03
+
+
+def test_a_jump_that_comes_a_sample_late_tells_little():
+    """What is fitted is the level before and after it, to what is stated."""
+    found = fitting._Fit(_Formulas(_pulsed, [1.2], shift=1), 0.01, None).result()
+    assert abs(found.values[0] - 1.2) < 2 * found.std[0]
+    assert found.std[0] < 0.025
 
 
 def test_a_log_tells_nothing_less_than_nothing():

@@ -412,8 +412,9 @@ class _Fit:
     def _weigh(self, values: Array, *, at_start: bool = False) -> None:
         """Weigh samples by the noise of their column and by what is chance in them.
 
-        And logs by what the model is wrong by in each. Of what is not met ``at_start`` only that
-        counts as noise which no change of the parameters would meet.
+        And by what the column changes by from one sample to the next, for the clocks of a log and
+        of a run agree no better; and logs by what the model is wrong by in each. Of what is not met
+        ``at_start`` only that counts as noise which no change of the parameters would meet.
         """
         (point,) = self._runs.points(values[None])
         assert point.simulated is not None
@@ -431,6 +432,9 @@ class _Fit:
             size = smoothed(np.sum((slopes[rows] @ self._steps) ** 2, axis=1), target.time)
             share = foreseeable(size, chance)
             least = self._model_error * self._sizes[t]
+            # Where a value jumps, within a sample or two, a log and a run agree by luck.
+            late = np.gradient(simulated, target.time) * np.median(np.diff(target.time))
+            chance += late**2
             spread = noise_of(residual, chance + max(target.noise, least, 1e-12) ** 2)
             noise = np.sqrt(spread**2 + max(least, 1e-12) ** 2 + chance)
             independent = independent_count((residual / noise)[share > 0])
