@@ -289,6 +289,13 @@ def test_a_suite_of_a_user_is_a_file(own_suite):
     assert {base.control.cruise_speed for base in bases} == {0.05}
 
 
+def test_the_version_of_a_suite_is_that_of_its_file(own_suite):
+    """The first where it names none."""
+    assert load_suite(own_suite).version == 1
+    own_suite.write_text("version = 3\n" + OWN)
+    assert load_suite(own_suite).version == 3
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [

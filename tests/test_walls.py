@@ -11,6 +11,7 @@ import pytest
 from omnitrack_sim.base.rotations import Pose, unit
 from omnitrack_sim.pipes import Assembly, Elbow, Part, Reducer, Step, Straight, Tee, route
 from omnitrack_sim.pipes.shapes import stave_count
+from omnitrack_sim.robots.kinds import robot_class
 from omnitrack_sim.walls.geoms import add_walls, new_spec
 
 FITTINGS = {
@@ -144,3 +145,13 @@ def test_walls_touch_only_lugs():
     assert all("pipe" in model.geom(i).name for i in range(count))
     assert set(model.geom_group) == {3}
     assert not (model.geom_contype & model.geom_conaffinity).any()
+
+
+@pytest.mark.parametrize("kind", ["omnitrack", "presser"])
+def test_plates_in_pictures_have_the_shape_of_the_bore(kind):
+    """Of any robot; corners of a square one would stand out of the pipe."""
+    parts = Assembly((Part("pipe", FITTINGS["straight"], Pose()),))
+    spec = robot_class(kind)().display.spec(parts, [(0, "end")])
+    plate = spec.compile().geom("plate_pipe_end")
+    assert plate.type == mujoco.mjtGeom.mjGEOM_CYLINDER
+    assert plate.size[0] == parts.parts[0].fitting.radius
