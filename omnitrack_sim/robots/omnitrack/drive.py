@@ -185,6 +185,7 @@ class SpeedLoop:
             motor.friction_torque,
             motor.reflected_inertia,
             motor.max_torque,
+            motor.speed_bandwidth,
             motor.torque_per_ampere,
         )
 
@@ -220,7 +221,7 @@ class SpeedLoop:
 
 # Figures of a robot's motors, and their number.
 LUG_RADIUS, SIZE, STALL_TORQUE, NO_LOAD_SPEED, EFFICIENCY, DROOP, INTEGRAL_TIME = range(7)
-FRICTION, INERTIA, LIMIT, TORQUE_PER_AMPERE, FIGURES = range(7, 12)
+FRICTION, INERTIA, LIMIT, BANDWIDTH, TORQUE_PER_AMPERE, FIGURES = range(7, 13)
 AT_LIMIT = 0.999
 """Part of the limit from which a motor counts as at it: forces come back through gears, rounded."""
 
@@ -281,6 +282,7 @@ def figures_of(figures, robot):
         figures[i + 7],
         figures[i + 8],
         figures[i + 9],
+        figures[i + 10],
     )
 
 
@@ -311,6 +313,11 @@ def _advance(count, motors, dt, figures, wanted, speeds, forces, corrections, as
             gives_more = moment < upper if error > 0.0 else moment > lower
             if gives_more:
                 corrections[k] += error * dt / motor[INTEGRAL_TIME]
+            # What losses hold changes from step to step, and the moment is of the step before: it
+            # may stay below the range of a belt that is dragged on.
+            per_speed = motor[BANDWIDTH] * motor[INERTIA] / motor[LUG_RADIUS]  # N m for 1 m/s
+            most = (motor[LIMIT] + held_by_losses(motor, motor[LIMIT])) / per_speed
+            corrections[k] = min(max(corrections[k], -most), most)
             asked[k] = wanted[k] + corrections[k]
             asked[plane + k], asked[2 * plane + k] = lowest * per_force, highest * per_force
             asked[3 * plane + k] = 1.0 if saturated else 0.0
