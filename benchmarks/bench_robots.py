@@ -377,13 +377,21 @@ def passed_turns(sets: Sequence[Mapping[str, float]], seed: int) -> dict[str, An
 
 def print_turns(row: Mapping[str, Any], seed: int, out: Path | None) -> None:
     """Print the rate of tee turns with the doubt of parameters, before and after calibration."""
+    passed = {
+        name: kept(out, f"turns, {name}", functools.partial(passed_turns, sets, seed))["passed"]
+        for name, sets in drawn_sets(row, seed).items()
+    }
+    *_, own = passed.values()
     rows = []
-    for name, sets in drawn_sets(row, seed).items():
-        made = functools.partial(passed_turns, sets, seed)
-        rate, between, chance = spread_of(kept(out, f"turns, {name}", made)["passed"])
+    for name, each in passed.items():
+        rate, between, chance = spread_of(each)
+        more = 100 * (np.array(each) - own) / TURNS
+        error = more.std(ddof=1) / np.sqrt(SETS)
         cells = [f"{100 * share:.0f} %" for share in (rate, between, chance)]
-        rows.append([name, *cells])
-    head = ["parameters", "rate", "its doubt by parameters", "by chance"]
+        rows.append(
+            [name, *cells, f"{more.mean():+.0f} +- {error:.0f} points" if more.any() else "-"]
+        )
+    head = ["parameters", "rate", "its doubt by parameters", "by chance", "beyond the robot itself"]
     table("turns", head, rows)
 
 
