@@ -49,7 +49,7 @@ what the logs hardly tell, a short one would measure little but chance."""
 MODEL_ERROR = 0.01
 """Part by which a model is wrong, unless told otherwise; see ``model_error.ModelError``. Robots
 that differ from the model by their walls, their lugs and the time step alone seem to have a grip
-that is off by 0.1 to 1.8 %, 1.1 % in the mean square, another one in each test of the bench."""
+that is off by 0.2 to 2.3 %, 1.2 % in the mean square, another one in each test of the bench."""
 NEAR = 0.05
 """Change of a value, as a part of it, up to which its derivatives serve a step."""
 CLOSE = 0.1
