@@ -593,25 +593,86 @@ def test_a_turn_that_has_slipped_begins_sooner(slip: float, gain: float) -> None
     give 1 - slip of the rotation follow an arc with an error of slip / (1 - slip) / gain, and those
     of a robot that was turned back not at all."""
     bench = Bench(scenario_of("tee_turn", **{"control.parameters.tracking.gain": gain}))
-    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
     table = bench.scenario.control_parameters.tracking
-    upright = bench.observe(0.1).rotation  # as before the turn
-    ways = np.arange(float(bench.routes.start[0]) - 0.06, bench.inside(), 0.0002)
-
-    def begun(lean: Lean) -> float:
-        for distance in ways:
-            wanted = tracking.wanted_rotation(
-                bench.observe(distance).location, upright, one, 0 * one, lean
-            )
-            if length(wanted)[0] > 0.1:
-                return float(distance)
-        raise AssertionError("the turn does not begin")
-
     lag = slip / (1 - slip) / gain if slip < 1 else np.inf
-
-    lead = begun(UPRIGHT) - begun(UPRIGHT._replace(slip=np.array([slip])))
+    lead = begun(bench) - begun(bench, UPRIGHT._replace(slip=np.array([slip])))
     assert lead == pytest.approx(min(lag, table.slip_lead), abs=3e-4)
     assert lead > 0.001
+
+
+def begun(bench: Bench, lean: Lean = UPRIGHT, way: float = 1.0) -> float:
+    """Where, m along the route, a robot that has not turned is first asked to turn.
+
+    ``way``: -1 for one that drives backward.
+    """
+    tracking, one = Tracking(bench.setup, "tracking"), np.ones(1)
+    upright = bench.observe(0.1).rotation  # as before the turn
+    start, end = float(bench.routes.start[0]), float(bench.routes.end[0])
+    for distance in np.arange(start - 0.06, end, 0.0002):
+        location = bench.observe(distance).location
+        wanted = tracking.wanted_rotation(location, upright, way * one, 0 * one, lean)
+        if length(wanted)[0] > 0.1:
+            return float(distance)
+    raise AssertionError("the turn does not begin")
+
+
+WEAK = {"like": "pololu_1000_hpcb", "torque_limit": 0.4}
+"""A motor that gives less than the 0.52 N m which bend a robot of 25 N."""
+NO_LEAD = {"control.parameters.tracking.downward_lead": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("down", "share"), [(-1.0, 0.0), (0.0, 0.0), (0.5, 0.0), (0.65, 0.5), (0.8, 1.0), (1.0, 1.0)]
+)
+@pytest.mark.parametrize("slip", [0.0, 0.99])
+def test_a_weak_motor_begins_its_turn_into_a_branch_sooner_down_a_steep_run(
+    down: float, share: float, slip: float
+) -> None:
+    """From half of the weight down the run on, in full from 0.8 on; one that has slipped as well
+    begins sooner by the longer of both leads. Backing off knows none."""
+    weight = [0.0, -9.81 * np.sqrt(1 - down**2), 9.81 * down]
+    changes: dict[str, Any] = {"world.gravity": weight, "robot.motor": WEAK}
+    bench, plain = (Bench(scenario_of("tee_turn", **changes, **own)) for own in ({}, NO_LEAD))
+    table = bench.scenario.control_parameters.tracking
+    lean = UPRIGHT._replace(slip=np.array([slip]))
+    lead = max(share * table.downward_lead, table.slip_lead if slip else 0.0)
+    assert begun(plain) - begun(bench, lean) == pytest.approx(lead, abs=3e-4)
+    assert begun(bench, way=-1.0) == begun(plain, way=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "preload", "share"),
+    [(0.2, 10.0, 1.0), (0.5, 20.0, 0.58), (0.6, 20.0, 0.1), (0.6, 15.0, 0.0), (1.18, 35.0, 0.0)],
+)
+def test_the_lead_down_a_run_goes_by_the_torque_that_bends_the_robot(
+    limit: float, preload: float, share: float
+) -> None:
+    """Two thirds of preload times contact length act at the lug radius over the pipe's: in full up
+    to as much, none from half as much again."""
+    changes: dict[str, Any] = {
+        "world.gravity": [0.0, 0.0, 9.81],
+        "robot.motor": WEAK | {"torque_limit": limit},
+        "robot.preload": preload,
+    }
+    robot = scenario_of("tee_turn", **changes).robot
+    bends = 2 / 3 * preload * robot.contact_length * robot.lug_radius / (BORE / 2)
+    assert share == pytest.approx(np.clip((1.5 - limit / bends) / 0.5, 0, 1), abs=0.01)
+    bench, plain = (Bench(scenario_of("tee_turn", **changes, **own)) for own in ({}, NO_LEAD))
+    table = bench.scenario.control_parameters.tracking
+    assert begun(plain) - begun(bench) == pytest.approx(share * table.downward_lead, abs=4e-4)
+
+
+@pytest.mark.parametrize("name", ["merge", "elbow"])
+@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_elbows_and_turns_out_of_a_branch_know_no_downward_lead(
+    name: str, index: int, sign: float
+) -> None:
+    """Whichever way the weight points."""
+    weight = (sign * 9.81 * np.eye(3)[index]).tolist()
+    changes: dict[str, Any] = {"world.gravity": weight, "robot.motor": WEAK}
+    bench, plain = (Bench(scenario_of(name, **changes, **own)) for own in ({}, NO_LEAD))
+    assert begun(bench) == begun(plain)
 
 
 @pytest.mark.parametrize("name", ["elbow", "tee_straight", "tee_turn"])

@@ -154,7 +154,7 @@ class RouteMap:
         self._passages = np.empty((len(passages), PASSAGE))
         self._passages[:, END] = self.end
         self._passages[:, TURN_BEGIN] = np.where(self.is_turn, self.start, np.inf)
-        self._passages[:, OUT_OF_BRANCH] = self.out_of_branch
+        self._passages[:, BRANCH] = self.out_of_branch * 1.0 - self.into_branch
         self._passages[:, RADIUS], self._passages[:, TURN] = self.radius, self.turn
         self._passages[:, DIRECTION : DIRECTION + 3] = self.directions
         self._passages[:, AHEAD : AHEAD + 3] = self.ahead
@@ -308,8 +308,9 @@ class RouteMap:
         return turning
 
 
-# Columns of the table of passages; a turn's begin is infinite where there is none.
-END, TURN_BEGIN, OUT_OF_BRANCH, RADIUS, TURN, DIRECTION, AHEAD = 0, 1, 2, 3, 4, 5, 8
+# Columns of the table of passages. A turn's begin is infinite where there is none; the branch is 1
+# on the way out of one, -1 on the way into one and 0 elsewhere.
+END, TURN_BEGIN, BRANCH, RADIUS, TURN, DIRECTION, AHEAD = 0, 1, 2, 3, 4, 5, 8
 PASSAGE = 11
 # Columns of what a robot's place is.
 DISTANCE, OFFSET, CURVATURE, TILT, THETA5 = range(5)

@@ -31,8 +31,9 @@ from omnitrack_sim.pipes.native import (
     pointers,
 )
 from omnitrack_sim.pipes.route_map import (
+    AHEAD,
+    BRANCH,
     DIRECTION,
-    OUT_OF_BRANCH,
     PASSAGE,
     TURN,
     Location,
@@ -104,6 +105,13 @@ class TrackingTable(Table):
     that."""
     upward_lead: Annotated[NotNegative, Unit("m")] = 0.015
     """Distance by which a turn out of a branch begins sooner where the run leads steeply up."""
+    # A motor with little torque bends the robot late, while the weight drags it past the branch.
+    # Of 240 turns with half of the weight and more down the run, one attempt, with limits of 0.245
+    # to 0.6 N m, 132 pass without it, 150 with 15 mm, 155 with 22, 152 with 30; of 60 up to stall
+    # 53, 54, 55 and 54 (docs/explanation/control.md).
+    downward_lead: Annotated[NotNegative, Unit("m")] = 0.02
+    """Distance by which a turn into a branch begins sooner where the run leads steeply down and
+    motors give no more torque than bends the robot; of those that give half as much again, 0."""
     # On slippery walls with the weight down the run (friction 0.5 to 0.58, 20 to 26 N) 120 of 160
     # turns that lean in full pass without it, 128 with 10 mm, 134 with 15, 133 with 20, 123 with
     # 25.
@@ -134,6 +142,18 @@ class TrackingTable(Table):
     """Cap on that slope."""
 
 
+def weakness_of(setup: ControlSetup) -> Array:
+    """By how much, 0 to 1, each of n robots lacks torque to turn into a branch.
+
+    1 if its motors give no more than bends it against its springs while it stands in the run, 0 if
+    they give half as much again (docs/explanation/control.md).
+    """
+    robot = setup.robot
+    moment = setup.own("preload") * robot.contact_length  # N m
+    bends = 2.0 / 3.0 * moment * robot.lug_radius / robot.nominal_pipe_radius  # N m, at the shaft
+    return np.clip(3.0 - 2.0 * setup.own("motor.max_torque") / bends, 0.0, 1.0)
+
+
 class Tracking:
     """The tracking law of n robots.
 
@@ -160,6 +180,7 @@ class Tracking:
             (UPWARD_GAIN, each["upward_gain"] * sharper),
             (UPWARD_LIMIT, each["upward_rotation_limit"] * sharper),
             (UPWARD_LEAD, robot.own_length(each["upward_lead"])),
+            (DOWNWARD_LEAD, robot.own_length(each["downward_lead"]) * weakness_of(setup)),
             (SLIP_LEAD, robot.own_length(each["slip_lead"])),
             (MAX_SLOPE, each["max_return_slope"]),
             (WEIGHT, self._weight),
@@ -291,19 +312,31 @@ def _wall_speeds(
 _WALL_SPEEDS = CFUNCTYPE(INTEGER, WORD, *[NUMBERS] * 9)
 
 # Columns of a robot in the table of tracking: parameters, then what it is given at each step.
-GAIN, LIMIT, UPWARD_GAIN, UPWARD_LIMIT, UPWARD_LEAD, SLIP_LEAD, MAX_SLOPE, LEAD, STRETCH = range(9)
-DISTANCE, CURVATURE, WAY, CENTRING, MAX_LEAN, SLIP = range(9, 15)
-WEIGHT, ASIDE, TANGENT, NORMAL, AXIS, LEAN = range(15, 33, 3)
-ROBOT = 33
+GAIN, LIMIT, UPWARD_GAIN, UPWARD_LIMIT, UPWARD_LEAD, DOWNWARD_LEAD, SLIP_LEAD = range(7)
+MAX_SLOPE, LEAD, STRETCH, DISTANCE, CURVATURE, WAY, CENTRING, MAX_LEAN, SLIP = range(7, 16)
+WEIGHT, ASIDE, TANGENT, NORMAL, AXIS, LEAN = range(16, 34, 3)
+ROBOT = 34
 
 
 @compiled
-def steepness(robot, passage):
-    """Return by how much, 0 to 1, the parameters of steep runs count for a robot."""
-    if passage[OUT_OF_BRANCH] == 0.0 or robot[WAY] < 0.0:
-        return 0.0
-    up = -dot(vector(robot, WEIGHT), vector(passage, DIRECTION))
+def steepness(robot, along):
+    """Return by how much, 0 to 1, parameters count of a run that leads steeply ``along`` (3,)."""
+    up = -dot(vector(robot, WEIGHT), along)
     return min(max((up - STEEP) / (STEEPEST - STEEP), 0.0), 1.0)
+
+
+@compiled
+def steeply_up(robot, passage):
+    """Return the steepness, 0 to 1, of the run that a robot turns into out of a branch."""
+    out = passage[BRANCH] > 0.0 and robot[WAY] > 0.0
+    return steepness(robot, vector(passage, DIRECTION)) if out else 0.0
+
+
+@compiled
+def steeply_down(robot, passage):
+    """Return the steepness, 0 to 1, of the run down which a robot drives into a branch."""
+    into = passage[BRANCH] < 0.0 and robot[WAY] > 0.0
+    return steepness(robot, scaled(vector(passage, AHEAD), -1.0)) if into else 0.0
 
 
 @compiled
@@ -344,13 +377,14 @@ def aimed(robot, target):
 @compiled
 def wanted_of(robot, passage, segments, first, last):
     """Return the rotation wanted of one robot; see ``Tracking.wanted_rotation``."""
-    axis, steep = vector(robot, AXIS), steepness(robot, passage)
+    axis, steep = vector(robot, AXIS), steeply_up(robot, passage)
     gain = robot[GAIN] + steep * (robot[UPWARD_GAIN] - robot[GAIN])
     limit = robot[LIMIT] + steep * (robot[UPWARD_LIMIT] - robot[LIMIT])
     # The distance by which the heading lags behind an arc, where belts give 1 - slip of the
     # rotation that is asked. Belts that give none, or a gain of 0, lag without end.
     lag = robot[SLIP] / max((1.0 - robot[SLIP]) * robot[GAIN], TINY)
-    lead = robot[LEAD] + steep * robot[UPWARD_LEAD] + min(lag, robot[SLIP_LEAD])
+    sooner = max(min(lag, robot[SLIP_LEAD]), steeply_down(robot, passage) * robot[DOWNWARD_LEAD])
+    lead = robot[LEAD] + steep * robot[UPWARD_LEAD] + sooner
     target, chosen = tangent_ahead(robot, segments, first, last, lead)
     target = aimed(robot, target)
     # In proportion to the angle, not to its sine, which would fade beyond 90 degrees.
