@@ -132,6 +132,17 @@ PROBES = {
         3.0,
         "a turn with the motor that the paper names and little torque, in which gears hold belts",
     ),
+    "descent": Probe(
+        "tee_turn",
+        NEAR
+        | {
+            "start.theta5_deg": 8.0,
+            "robot.motor": {"like": "pololu_1000_hpcb", "torque_limit": 0.4},
+            "world.gravity": [0.0, 3.0, 9.0],
+        },
+        2.5,
+        "such a turn down the run, which begins sooner",
+    ),
     "policy": Probe(
         "tee_turn",
         {"start.distance": 0.2, "control.kind": "policy", "control.parameters.policy": "tee_turn"},
