@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationInfo, field_validator
@@ -122,6 +123,7 @@ def quantity(
     return Field(default, description=source, json_schema_extra=extra, **constraints)
 
 
+@cache
 def quantity_of(table: type[BaseModel], key: str) -> Quantity:
     """Return unit and source of a field.
 
@@ -219,6 +221,7 @@ _EXPONENTS = {
 _POWERS = {"": 1, "²": 2, "³": 3}
 
 
+@cache
 def froude_exponent(unit: str) -> float:
     """Exponent of the scale factor s by which a quantity of this unit grows.
 
