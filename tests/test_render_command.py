@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import av
 import imageio.v3 as imageio
 import pytest
@@ -32,6 +34,23 @@ def test_size_and_rate_are_those_asked_for(folder, tmp_path):
         with av.open(str(path)) as film:
             stream = film.streams.video[0]
             assert (stream.width, stream.height, stream.average_rate) == (64, 36, 5)
+
+
+def test_progress_of_a_film_is_told_to_its_end(folder, tmp_path, monkeypatch):
+    """Beside its title, unless the film goes with a run that is quiet."""
+    told, parts = [], []
+
+    @contextmanager
+    def progress(title, quiet):
+        told.append((title, quiet))
+        yield lambda part, text="": parts.append(part)
+
+    monkeypatch.setattr("omnitrack_sim.cli.runs.progress", progress)
+    done = rendered(folder, "--size", "64x36", "--fps", 5, "--out", tmp_path / "film.mp4")
+    assert done.exit_code == 0, done.output
+    assert told == [("video", False)]
+    assert parts[-1] == 1.0
+    assert parts == sorted(parts)
 
 
 def test_a_strip_of_times(folder):
