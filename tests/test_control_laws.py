@@ -662,6 +662,17 @@ def test_the_lead_down_a_run_goes_by_the_torque_that_bends_the_robot(
     assert begun(plain) - begun(bench) == pytest.approx(share * table.downward_lead, abs=4e-4)
 
 
+def test_what_nothing_presses_needs_no_lead() -> None:
+    """A robot without preload, whatever its motor."""
+    changes: dict[str, Any] = {
+        "world.gravity": [0.0, 0.0, 9.81],
+        "robot.motor": WEAK | {"torque_limit": 0.01},
+        "robot.preload": 0.0,
+    }
+    bench, plain = (Bench(scenario_of("tee_turn", **changes, **own)) for own in ({}, NO_LEAD))
+    assert begun(bench) == begun(plain)
+
+
 @pytest.mark.parametrize("name", ["merge", "elbow"])
 @pytest.mark.parametrize("index", range(3))
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

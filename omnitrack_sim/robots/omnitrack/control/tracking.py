@@ -151,7 +151,9 @@ def weakness_of(setup: ControlSetup) -> Array:
     robot = setup.robot
     moment = setup.own("preload") * robot.contact_length  # N m
     bends = 2.0 / 3.0 * moment * robot.lug_radius / robot.nominal_pipe_radius  # N m, at the shaft
-    return np.clip(3.0 - 2.0 * setup.own("motor.max_torque") / bends, 0.0, 1.0)
+    # Where no spring presses, or on a point, nothing has to be bent.
+    strength = setup.own("motor.max_torque") / np.maximum(bends, TINY)
+    return np.clip(3.0 - 2.0 * strength, 0.0, 1.0)
 
 
 class Tracking:
