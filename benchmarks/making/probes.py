@@ -35,6 +35,8 @@ SMALL = {
 """Scales of the values: m, m, 1, rad, J, m, m/s, N, N, 1."""
 NEAR = {"start.distance": 0.2, "control.align": False}
 """A robot close before its fitting, which does not roll first."""
+WEAK = {"like": "pololu_1000_hpcb", "torque_limit": 0.4}
+"""The motor that the paper names, with little torque."""
 ONBOARD = {"sensing.kind": "onboard", "start.theta5_deg": 30.0, "start.distance": 0.2}
 
 
@@ -126,7 +128,7 @@ PROBES = {
         NEAR
         | {
             "start.theta5_deg": 8.0,
-            "robot.motor": {"like": "pololu_1000_hpcb", "torque_limit": 0.4},
+            "robot.motor": WEAK,
             "robot.preload": 30.0,
         },
         3.0,
@@ -137,7 +139,7 @@ PROBES = {
         NEAR
         | {
             "start.theta5_deg": 8.0,
-            "robot.motor": {"like": "pololu_1000_hpcb", "torque_limit": 0.4},
+            "robot.motor": WEAK,
             "world.gravity": [0.0, 3.0, 9.0],
         },
         2.5,

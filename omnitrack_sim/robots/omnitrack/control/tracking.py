@@ -110,8 +110,8 @@ class TrackingTable(Table):
     # to 0.6 N m, 132 pass without it, 150 with 15 mm, 155 with 22, 152 with 30; of 60 up to stall
     # 53, 54, 55 and 54 (docs/explanation/control.md).
     downward_lead: Annotated[NotNegative, Unit("m")] = 0.02
-    """Distance by which a turn into a branch begins sooner where the run leads steeply down and
-    motors give no more torque than bends the robot; of those that give half as much again, 0."""
+    """Distance by which a turn into a branch begins sooner where the run leads steeply down, for
+    motors with no more torque than bending the robot takes; 0 for those with half as much again."""
     # On slippery walls with the weight down the run (friction 0.5 to 0.58, 20 to 26 N) 120 of 160
     # turns that lean in full pass without it, 128 with 10 mm, 134 with 15, 133 with 20, 123 with
     # 25.
