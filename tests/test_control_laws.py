@@ -586,6 +586,33 @@ def test_a_robot_that_hangs_upright_before_a_branch_rolls_there(
         assert abs(turn) == pytest.approx(60.0, abs=margin)
 
 
+@pytest.mark.parametrize(
+    ("progress", "moves", "rolls"), [(0.2, False, 1), (0.2, True, 0), (0.5, False, 0)]
+)
+def test_a_robot_that_hangs_beside_a_branch_rolls_astride_it_before_it_backs_off(
+    progress: float, moves: bool, rolls: int
+) -> None:
+    """Upright, where its belts do not bring it back, and once: a module at the opening has no wall,
+    and the others are not pressed to theirs. It rolls until the opening is between two modules,
+    stands meanwhile, and backs off."""
+    recovery = {"patience": 0.016, "hesitation": 0.04, "back_off": 2.0, "retries": 1}
+    changes = {f"control.parameters.recovery.{key}": value for key, value in recovery.items()}
+    changes |= {"control.retry": True, "control.align": True}
+    bench = Bench(scenario_of("tee_turn", **changes))
+    start, end = bench.routes.start[0], bench.routes.end[0]
+    at, back = float(start + progress * (end - start)), 0.0002 * moves  # m, and m a step
+    commands = [bench.step(at - back * k, 6.0) for k in range(200 if moves else 1700)]
+    events = [(k, event) for k, command in enumerate(commands) for event in command.events]
+    assert isinstance(events[0][1], BackedOff)
+    assert [type(event) for _, event in events[1:]] == [Rolled] * rolls
+    if rolls:
+        turn = -np.degrees(commands[-1].roll[0, 0]) * bench.scenario.robot.lug_radius / (BORE / 2)
+        margin = np.degrees(safe_margin(sector_angle(BORE / 2, bench.scenario.robot.reach)))
+        assert abs(turn) == pytest.approx(60.0, abs=margin)
+        assert (commands[events[1][0]].belt_speed == 0.0).all()
+        assert (commands[-1].belt_speed < 0.0).all()
+
+
 @pytest.mark.parametrize("gain", [40.0, 5.0])
 @pytest.mark.parametrize("slip", [0.1, 0.3, 0.6, 1.0, 1.5])
 def test_a_turn_that_has_slipped_begins_sooner(slip: float, gain: float) -> None:

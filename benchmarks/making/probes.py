@@ -145,6 +145,19 @@ PROBES = {
         2.5,
         "such a turn down the run, which begins sooner",
     ),
+    "astride": Probe(
+        "tee_turn",
+        NEAR
+        | {
+            "start.theta5_deg": 4.0,
+            "control.align": True,
+            "robot.motor": WEAK,
+            "world.friction": 0.66,
+            "world.gravity": [0.0, 3.0, 9.3],
+        },
+        7.0,
+        "such a turn that fails, and whose robot rolls astride the branch to back off",
+    ),
     "policy": Probe(
         "tee_turn",
         {"start.distance": 0.2, "control.kind": "policy", "control.parameters.policy": "tee_turn"},

@@ -103,7 +103,7 @@ class RollSetPoints:
     Attributes:
         now: (n, 3) rad, set points of this moment.
         target: (n, 3) rad, where they move to.
-        squaring: (n,) bool, robots that roll until their tracks face the wall.
+        waited_for: (n,) bool, robots that back off once they have rolled to their targets.
         tolerance: (n,) rad, error of the roll at which it counts as done.
         patience: (n,) s, after the end of a roll, until it counts as it is.
     """
@@ -111,8 +111,8 @@ class RollSetPoints:
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self._path = path
         self.now, self.target, self._belt_sign = np.zeros((3, setup.n, 3))
-        self.squaring = np.zeros(setup.n, bool)
-        self._square_by = np.full(setup.n, np.inf)  # s, when ``squaring`` ends at the latest
+        self.waited_for = np.zeros(setup.n, bool)
+        self._wait_until = np.full(setup.n, np.inf)  # s, at the latest
         self.reset(np.arange(setup.n), setup)
 
     def reset(self, rows: NDArray[np.intp], setup: ControlSetup) -> None:
@@ -124,7 +124,7 @@ class RollSetPoints:
         self._band = setup.each(f"{self._path}.no_motion_band")[:, None]
         self.now[rows] = self.target[rows] = setup.command.roll[rows]
         self._belt_sign[rows] = belt_sign(setup.command.roll[rows])
-        self.squaring[rows] = False
+        self.waited_for[rows] = False
 
     def belt_sign(self, roll: Array) -> Array:
         """Direction (n, 3) in which the belts drive forward at the measured ``roll`` (n, 3) rad."""
@@ -138,26 +138,32 @@ class RollSetPoints:
             self.now[robot] = 0.0 - self.now[robot, SWAPPED]
             self.target[robot] = -self.target[robot, SWAPPED]
             self._belt_sign[robot] = self._belt_sign[robot, SWAPPED]
-        self.squaring[robot] = False
+        self.waited_for[robot] = False
 
     def square(self, robots: NDArray[np.bool_], time: Array) -> None:
         """Have ``robots`` (n,) roll the short way until their tracks face the wall.
 
         ``time`` (n,) s is this moment.
         """
-        facing = np.pi * np.round(self.now / np.pi)
-        rolling = np.abs(facing - self.now).max(axis=1) / self.rate
-        self.target = np.where(robots[:, None], facing, self.target)
-        self._square_by = np.where(robots, time + rolling + self.patience, self._square_by)
-        self.squaring = self.squaring | robots
+        self.roll_first(robots, np.pi * np.round(self.now / np.pi), time)
 
-    def end_squaring(self, roll: Array, time: Array) -> None:
-        """End the squaring of robots whose tracks face the wall, or whose time is over.
+    def roll_first(self, robots: NDArray[np.bool_], target: Array, time: Array) -> None:
+        """Have ``robots`` (n,) roll to ``target`` (n, 3) rad before they back off.
+
+        ``time`` (n,) s is this moment.
+        """
+        rolling = np.abs(target - self.now).max(axis=1) / self.rate
+        self.target = np.where(robots[:, None], target, self.target)
+        self._wait_until = np.where(robots, time + rolling + self.patience, self._wait_until)
+        self.waited_for = self.waited_for | robots
+
+    def end_waiting(self, roll: Array, time: Array) -> None:
+        """Have robots back off that have rolled to their targets, or whose time is over.
 
         ``roll`` (n, 3) rad is measured at ``time`` (n,) s.
         """
-        if np.count_nonzero(self.squaring):
-            self.squaring = self.squaring & ~self.settled(roll) & (time <= self._square_by)
+        if np.count_nonzero(self.waited_for):
+            self.waited_for = self.waited_for & ~self.settled(roll) & (time <= self._wait_until)
 
     def settled(self, roll: Array) -> NDArray[np.bool_]:
         """Robots (n,) whose modules, at the measured ``roll`` (n, 3) rad, are at their targets."""
@@ -249,6 +255,25 @@ class Aligner:
         self._inside = self._inside | robots
         self._astride = np.where(robots, astride, self._astride)
 
+    def roll_astride(self, robots: NDArray[np.bool_], observation: Observation) -> list[Event]:
+        """Have ``robots`` (n,) roll where they are, an opening between two modules; then back off.
+
+        Returns:
+            The events of that.
+        """
+        # A module at the opening has no wall, and the springs do not press the others to theirs.
+        rows, location = np.flatnonzero(robots), observation.location
+        before, self._astride = self._astride, robots
+        plan = self._cheapest(rows, location.theta5[rows], location.passage[rows])
+        self._astride = before
+        target = self.rolls.target.copy()
+        target[rows] += plan.change[:, None]
+        self.rolls.roll_first(robots, target, observation.time)
+        told = (np.abs(plan.change) > self.rolls.tolerance[rows]) | ~plan.exists
+        return [
+            self._roll_event(int(rows[i]), plan, i, observation, "in") for i in np.flatnonzero(told)
+        ]
+
     def _ranges(self, robots: NDArray[np.intp], passage: NDArray[np.intp]) -> tuple[Array, Array]:
         """Ranges of theta5 that ``robots`` (m,) aim for.
 
@@ -274,7 +299,7 @@ class Aligner:
         Returns:
             The robots (n,) that stand still to roll, and the events of this step.
         """
-        self.rolls.end_squaring(observation.roll, observation.time)
+        self.rolls.end_waiting(observation.roll, observation.time)
         standing = self._stand(observation, room)
         self.rolls.move()
         return standing

@@ -201,7 +201,7 @@ class JacobianController:
             observation, self.resting, self.sway.slides, room, self.aligner
         )
         standing, rolled = self.aligner.step(observation, room)
-        aligning = np.where(backing, self.aligner.rolls.squaring, standing)
+        aligning = np.where(backing, self.aligner.rolls.waited_for, standing)
         self.resting = aligning | backing
         rate = self.angular_velocity
         self.angular_velocity = rate + self._smoothing * (observation.angular_velocity - rate)

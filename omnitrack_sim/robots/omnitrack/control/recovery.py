@@ -2,7 +2,7 @@
 
 A robot that makes no headway in a turn rolls its tracks to the wall, backs off to before the
 fitting and tries again; straight over an opening, or turned out of a branch already, it rolls where
-it is.
+it is, and so does one that hangs upright while it backs off.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class RecoveryTable(Table):
     # nobody drives it forward: without this 95 of 120 such robots pass at once, with it 112.
     hesitation: Annotated[Part, Unit("m")] = 0.04
     """Distance at cruise speed without progress after which the rate loop is left out, until the
-    robot moves on."""
+    robot moves on; backing off, after which a robot that hangs upright in the opening rolls
+    astride it."""
     patience: Annotated[Part, Unit("m")] = 0.15
     """Distance at cruise speed without progress after which the turn has failed; half of
     `monitor.patience`."""
@@ -56,7 +57,8 @@ class RecoveryTable(Table):
     # Such a robot stands in the run. Backing off, it falls into the other half, and out of the tee.
     upright: Annotated[Part, Unit("1")] = 2 / 3
     """Part of the turn out of a branch beyond which a robot that has failed does not back off, but
-    rolls where it is, the opening between two modules."""
+    rolls where it is, the opening between two modules. Turning into a branch a robot is upright
+    while it has more than that part of the turn before it."""
     # Where a robot hangs across the run, a track that is rolled aside touches the wall with its
     # edge, or the other track does, which runs the other way. Of 430 such robots (friction 0.6 to
     # 0.8, 15 to 20 N) 6 % came free that backed off less than 30 degrees from the no-motion line,
@@ -85,6 +87,7 @@ class Recovery:
     def __init__(self, setup: ControlSetup, path: str) -> None:
         self._path, n = path, setup.n
         self.max_distance, self.waiting = np.zeros((2, n))
+        self._least_distance, self._hanging = np.zeros((2, n))  # m, and s without less, backing off
         self.backing = np.zeros(n, bool)
         self.retries, self.passage = np.zeros((2, n), np.intp)
         self.reset(np.arange(n), setup)
@@ -152,10 +155,11 @@ class Recovery:
             self.max_distance = np.where(headway, distance, self.max_distance)
         still = self.backing | ~(headway | standing)
         # A robot has all of ``back_off`` left when its tracks face the wall.
-        self.waiting = (self.waiting + self.period) * (still & ~aligner.rolls.squaring)
+        self.waiting = (self.waiting + self.period) * (still & ~aligner.rolls.waited_for)
         events = self._begin(observation, sliding, room, aligner)
         self._roll_where_they_hang(location.passage, room, aligner)
         if np.count_nonzero(self.backing):
+            events = [*events, *self._roll_astride(observation, room, aligner)]
             self._end(location.distance, aligner)
         return self.backing, events
 
@@ -198,6 +202,8 @@ class Recovery:
             self.backing = self.backing | (failed & ~upright)
             self.retries = self.retries + failed
             self.waiting = np.where(failed, 0.0, self.waiting)
+            self._least_distance = np.where(failed, location.distance, self._least_distance)
+            self._hanging = np.where(failed, 0.0, self._hanging)
             # One that is about to slide past is in the pipe yet, and has no time to lose.
             squares = failed & ~upright & ~sliding & self._square & self.settings.align
             aligner.rolls.square(squares, observation.time)
@@ -222,6 +228,25 @@ class Recovery:
             self.retries = self.retries + hanging
             self.waiting = np.where(hanging, 0.0, self.waiting)
             aligner.align_inside(hanging, passage)
+
+    def _roll_astride(
+        self, observation: Observation, room: Array, aligner: Aligner
+    ) -> Sequence[Event]:
+        """Roll robots that hang in the run, beside a branch, once each time that they back off."""
+        location, routes = observation.location, self.routes
+        nearer = location.distance < self._least_distance - self._progress
+        self._least_distance = np.where(nearer, location.distance, self._least_distance)
+        moves = nearer | aligner.rolls.waited_for
+        self._hanging = np.where(moves, np.minimum(self._hanging, 0.0), self._hanging + self.period)
+        hangs = self.backing & (self._hanging > self._hesitation) & (room < 0)
+        hangs &= routes.into_branch[location.passage] & self.settings.align
+        if np.count_nonzero(hangs):
+            progress = routes.progress(location.passage, observation.rotation)
+            hangs &= progress < 1.0 - self._upright
+        if not np.count_nonzero(hangs):
+            return ()
+        self._hanging = np.where(hangs, -np.inf, self._hanging)  # once
+        return aligner.roll_astride(hangs, observation)
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
         # While a robot backs off, ``waiting`` counts the time of that.
