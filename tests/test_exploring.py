@@ -1396,6 +1396,34 @@ def test_pipe_that_was_only_assumed_is_looked_into_anew_after_a_fall():
     assert difference(robot).same
 
 
+def test_pipe_that_was_only_assumed_is_taken_back_where_a_robot_hangs_before_it():
+    """Otherwise a map with a pipe that nobody has seen comes of it."""
+    arm = ("branch", straight("side", 0.6))
+    pipes = straight("foot", 0.6), tee("tee"), elbow("bend"), straight("on", 0.6)
+    network, hung = in_line(*pipes, tee=arm), []
+
+    def blind(ahead):
+        return None if isinstance(ahead.fitting, Elbow) and not hung else ahead
+
+    robot = PointRobot(network, "foot.start", errors=Seen(blind))
+    explorer, on_blockage = robot.explorer, robot.explorer.on_blockage
+
+    def hangs(position, frame):
+        return not hung and explorer.assumed > 0.0
+
+    def blocked(time, distance, goal):
+        hung.append(len(explorer.belief.network.fittings))
+        decision = on_blockage(time, distance, goal)
+        assert len(explorer.belief.network.fittings) == hung[0] - 1
+        assert explorer.assumed == 0.0
+        return decision
+
+    robot._blocked, explorer.on_blockage = hangs, blocked
+    robot.run()
+    assert len(hung) == 1
+    assert difference(robot).same
+
+
 def test_pipe_that_was_taken_back_is_on_no_leg():
     """A leg that was over by then still leads through it, and its number may be another part's."""
     explorer = shipped("narrow", "outlet").explorer

@@ -14,6 +14,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 from samples import sample_result, sample_trajectory, two_legs_result
 
@@ -27,7 +28,8 @@ from omnitrack_sim.record.display import MODULE_COLOURS
 from omnitrack_sim.record.events import Outcome
 from omnitrack_sim.record.trajectory import Trajectory
 from omnitrack_sim.robots.omnitrack.channels import RECORDED
-from omnitrack_sim.show.plots.run_figures import limits_of
+from omnitrack_sim.show.plots.run_figures import LEFT, PanelGrid, limits_of
+from omnitrack_sim.show.plots.style import PAGE, PAPER, style
 
 NETWORK = ot.load_network("fig14")
 DRAWN = {
@@ -189,6 +191,25 @@ def test_lines_of_other_robots_have_the_names_of_their_model(tmp_path):
         assert handle.get_color() == line.get_color()
 
 
+def test_a_legend_has_as_many_columns_as_fit_into_its_width():
+    """In half of a page, too: it ends within its width, and takes less lines where it has more."""
+    handles = [Line2D([], [], label=f"module {k} of twelve") for k in range(12)]
+    lines = {}
+    for width in (2.0, 3.5, PAGE - LEFT):
+        with style(PAPER):
+            grid = PanelGrid(1, 1)
+            lines[width] = grid.legend(handles, 0.1, width=width)
+            (legend,) = grid.figure.legends
+            canvas = FigureCanvasAgg(grid.figure)
+            canvas.draw()
+            box = legend.get_window_extent(canvas.get_renderer())
+        inches = box.transformed(grid.figure.dpi_scale_trans.inverted())
+        assert LEFT - 0.01 < inches.x0 < inches.x1 < LEFT + width
+        assert inches.width > 0.6 * width
+    assert list(lines.values()) == sorted(lines.values(), reverse=True)
+    assert len(set(lines.values())) == 3
+
+
 def test_outcome_is_written():
     """The head says how the run ended."""
     figure = plot_summary(sample_result(outcome=Outcome.NO_MOTION_LINE))
@@ -280,7 +301,8 @@ def test_a_view_of_a_network_goes_into_an_axis():
 
 def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
     """Of 50 parts: each is named once, no two names overlap, and from each name to the axis of its
-    part it is no further than a bore and 13 points (the largest gap), in the view where it is."""
+    part it is no further than a bore and 13 points (the largest gap), in the view where it is. A
+    name that stands off its bore has a line to the axis, and there is no other."""
     network = ot.random_network(3, 50)
     figure = ot.plot_network(network)
     canvas = FigureCanvasAgg(figure)
@@ -289,6 +311,7 @@ def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
     views = [axis for axis in figure.axes if re.fullmatch(r". \[m\]", axis.get_xlabel())]
     named = [text.get_text() for axis in views for text in axis.texts]
     assert sorted(named) == sorted(parts)
+    far = []  # names that stand off their bores
     for axis in views:
         columns = ["xyz".index(label[0]) for label in (axis.get_xlabel(), axis.get_ylabel())]
         boxes = [text.get_window_extent(renderer) for text in axis.texts]
@@ -300,8 +323,21 @@ def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
             pixels = axis.transData.transform(points)
             gaps = np.maximum(np.maximum(box.min - pixels, pixels - box.max), 0.0)
             bore = np.ptp(axis.transData.transform([[0, 0], [part.fitting.radius, 0]])[:, 0])
-            most = bore + 13.5 * renderer.points_to_pixels(1.0)
-            assert np.linalg.norm(gaps, axis=1).min() < most, text.get_text()
+            point = renderer.points_to_pixels(1.0)
+            gap = np.linalg.norm(gaps, axis=1).min()
+            assert gap < bore + 13.5 * point, text.get_text()
+            ties = [axis.transData.transform(tie.get_xydata()) for tie in axis.lines]
+            ties = [
+                tie
+                for tie in ties
+                if len(tie) == 2
+                and np.linalg.norm(pixels - tie[0], axis=1).min() < point
+                and (np.maximum(box.min - tie[1], tie[1] - box.max) < 0.5 * point).all()
+            ]
+            assert len(ties) == (gap > bore + 3.5 * point), text.get_text()
+            far += ties
+    assert 0 < len(far) < len(parts)
+    assert len(far) == sum(len(line.get_xydata()) == 2 for axis in views for line in axis.lines)
 
 
 def test_names_of_a_network_keep_off_its_route():
