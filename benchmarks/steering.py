@@ -153,7 +153,7 @@ def main() -> None:
     arguments.add_argument("--figure", type=Path, metavar="FILE.svg")
     given = arguments.read()
     bandwidths = BANDWIDTHS[1::3] if given.quick else BANDWIDTHS
-    drawn = {
+    groups = {
         (bandwidth, gain): random_tee_turns(
             given.trials,
             seed=31,
@@ -163,8 +163,8 @@ def main() -> None:
         )
         for gain, bandwidth in product(RATE_GAINS, bandwidths)
     }
-    runs = Trials("steering", drawn).run(given.workers)
-    cells = [cell(*key, loop_of(drawn[key][0]), turns) for key, turns in runs.items()]
+    runs = Trials("steering", groups).run(given.workers)
+    cells = [cell(*key, loop_of(groups[key][0]), turns) for key, turns in runs.items()]
     heads = ["bandwidth, rad/s", *(f"k = {gain:g}" for gain in RATE_GAINS)]
     table("cells", heads, (row(bandwidth, cells) for bandwidth in bandwidths))
     if given.figure is not None:
