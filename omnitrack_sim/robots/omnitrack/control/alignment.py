@@ -271,7 +271,8 @@ class Aligner:
         self.rolls.roll_first(robots, target, observation.time)
         told = (np.abs(plan.change) > self.rolls.tolerance[rows]) | ~plan.exists
         return [
-            self._roll_event(int(rows[i]), plan, i, observation, "in") for i in np.flatnonzero(told)
+            self._roll_event(int(rows[i]), plan, i, observation, "in")
+            for i in np.flatnonzero(told).tolist()
         ]
 
     def _ranges(self, robots: NDArray[np.intp], passage: NDArray[np.intp]) -> tuple[Array, Array]:
