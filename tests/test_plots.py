@@ -326,10 +326,10 @@ def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
             point = renderer.points_to_pixels(1.0)
             gap = np.linalg.norm(gaps, axis=1).min()
             assert gap < bore + 13.5 * point, text.get_text()
-            ties = [axis.transData.transform(tie.get_xydata()) for tie in axis.lines]
+            lines = [axis.transData.transform(line.get_xydata()) for line in axis.lines]
             ties = [
                 tie
-                for tie in ties
+                for tie in lines
                 if len(tie) == 2
                 and np.linalg.norm(pixels - tie[0], axis=1).min() < point
                 and (np.maximum(box.min - tie[1], tie[1] - box.max) < 0.5 * point).all()

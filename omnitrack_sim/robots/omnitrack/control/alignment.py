@@ -17,6 +17,7 @@ from pydantic import Field
 from omnitrack_sim.base.rotations import Array
 from omnitrack_sim.base.table import NotNegative, Part, Table, Unit
 from omnitrack_sim.pipes.fittings.base import Manoeuvre
+from omnitrack_sim.pipes.route_map import Location
 from omnitrack_sim.record.events import Event
 from omnitrack_sim.robots.control import ControlSetup, Observation
 from omnitrack_sim.robots.omnitrack.control.command import SWAPPED
@@ -255,34 +256,33 @@ class Aligner:
         self._inside = self._inside | robots
         self._astride = np.where(robots, astride, self._astride)
 
-    def roll_astride(self, robots: NDArray[np.bool_], observation: Observation) -> list[Event]:
+    def roll_astride(
+        self, robots: NDArray[np.bool_], observation: Observation, room: Array
+    ) -> list[Event]:
         """Have ``robots`` (n,) roll where they are, an opening between two modules; then back off.
 
-        Returns:
-            The events of that.
+        ``room`` is as of ``step``. Returns the events.
         """
         # A module at the opening has no wall, and the springs do not press the others to theirs.
-        rows, location = np.flatnonzero(robots), observation.location
-        before, self._astride = self._astride, robots
-        plan = self._cheapest(rows, location.theta5[rows], location.passage[rows])
-        self._astride = before
-        target = self.rolls.target.copy()
+        rows, target = np.flatnonzero(robots), self.rolls.target.copy()
+        plan = self._cheapest(rows, observation.location, robots)
         target[rows] += plan.change[:, None]
         self.rolls.roll_first(robots, target, observation.time)
-        told = (np.abs(plan.change) > self.rolls.tolerance[rows]) | ~plan.exists
-        return [
-            self._roll_event(int(rows[i]), plan, i, observation, "in")
-            for i in np.flatnonzero(told).tolist()
-        ]
+        return self._roll_events(rows, plan, observation, room)
 
-    def _ranges(self, robots: NDArray[np.intp], passage: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Ranges of theta5 that ``robots`` (m,) aim for.
+    def _ranges(
+        self,
+        robots: NDArray[np.intp],
+        passage: NDArray[np.intp],
+        astride: NDArray[np.bool_],
+    ) -> tuple[Array, Array]:
+        """Ranges of theta5 that ``robots`` (m,) aim for, those ``astride`` (n,) beside an opening.
 
         Returns:
             Middles and half-widths (AIMS, SIDES, m) rad.
         """
         best = np.where(
-            self._astride[robots],
+            astride[robots],
             preferred_theta5("tee_straight"),
             self.ranges.best[..., robots, passage],
         )
@@ -316,7 +316,7 @@ class Aligner:
         new = due & np.isinf(self.deadline)
         self.deadline = np.where(new, observation.time + self.rolls.patience, self.deadline)
         # The last ranges are the widest.
-        best, width = self._ranges(self._rows, location.passage)
+        best, width = self._ranges(self._rows, location.passage, self._astride)
         error = np.abs(orientation_error(location.theta5, best[-1]))
         oriented = (error <= width[-1] + ROUNDING).any(axis=0)
         off_the_line = no_motion_distance(observation.roll).min(axis=-1) >= self._clear_enough
@@ -338,9 +338,7 @@ class Aligner:
 
     def _plan(self, robots: NDArray[np.intp], observation: Observation, room: Array) -> list[Event]:
         """Plan a roll for each of ``robots`` (m,); those without a plan drive on as they are."""
-        location = observation.location
-        theta5 = location.theta5[robots]
-        plan = self._cheapest(robots, theta5, location.passage[robots])
+        plan = self._cheapest(robots, observation.location, self._astride)
         # All modules roll alike: against each other they would scrub instead of turning the robot.
         self.rolls.target[robots] += plan.change[:, None]
         rolls = np.abs(plan.change) > self.rolls.tolerance[robots]
@@ -349,21 +347,19 @@ class Aligner:
         self.attempts[robots] = np.where(rolls, self.attempts[robots] + 1, max_attempts)
         rolling = np.abs(plan.change) / self.robot.roll_rate
         self.deadline[robots] = observation.time[robots] + rolling + self.rolls.patience[robots]
-        return [
-            self._roll_event(
-                int(robot), plan, i, observation, "in" if room[robot] < 0 else "before"
-            )
-            for i, robot in enumerate(robots)
-            if rolls[i] or not plan.exists[i]
-        ]
+        return self._roll_events(robots, plan, observation, room)
 
     def _cheapest(
-        self, robots: NDArray[np.intp], theta5: Array, passage: NDArray[np.intp]
+        self, robots: NDArray[np.intp], location: Location, astride: NDArray[np.bool_]
     ) -> RollPlan:
-        """Plan the cheapest of the rolls to all aims with all clearances, for ``robots`` (m,)."""
+        """Plan the cheapest of the rolls to all aims with all clearances, for ``robots`` (m,).
+
+        ``astride`` is as of ``_ranges``.
+        """
+        theta5, passage = location.theta5[robots], location.passage[robots]
         roll = self.rolls.target[robots, 0]
         ratio = self.robot.lug_radius / self.routes.radius[passage]
-        best, aims = self._ranges(robots, passage)
+        best, aims = self._ranges(robots, passage, astride)
         plan, least = None, np.full(len(robots), np.inf)
         for clearance, detour in zip(
             self._clearances[robots].T, self._clearance_detours[robots].T, strict=True
@@ -379,6 +375,17 @@ class Aligner:
                 least = np.minimum(cost, least)
         assert plan is not None
         return plan
+
+    def _roll_events(
+        self, robots: NDArray[np.intp], plan: RollPlan, observation: Observation, room: Array
+    ) -> list[Event]:
+        """Return the events of the plans of ``robots`` (m,): of all that roll, or cannot."""
+        told = (np.abs(plan.change) > self.rolls.tolerance[robots]) | ~plan.exists
+        return [
+            self._roll_event(robot, plan, i, observation, "in" if room[robot] < 0 else "before")
+            for i, robot in enumerate(robots.tolist())
+            if told[i]
+        ]
 
     def _roll_event(
         self, robot: int, plan: RollPlan, i: int, observation: Observation, place: str

@@ -246,7 +246,7 @@ class Recovery:
         if not np.count_nonzero(hangs):
             return ()
         self._hanging = np.where(hangs, -np.inf, self._hanging)  # once
-        return aligner.roll_astride(hangs, observation)
+        return aligner.roll_astride(hangs, observation, room)
 
     def _end(self, distance: Array, aligner: Aligner) -> None:
         # While a robot backs off, ``waiting`` counts the time of that.
