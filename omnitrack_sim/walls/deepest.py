@@ -1,4 +1,4 @@
-"""Proof that no point of a body is deeper in a wall than its contacts, and search where one is.
+"""Bounds on the depth of a body's points in a wall, and the search for one below its contacts.
 
 The searches of ``bodies`` follow slopes, so they may end in a minimum that is not the least where a
 wall has an edge or a saddle: the rim of a branch, the corner of a mitre. Here the body's surface is
@@ -30,11 +30,13 @@ WIDE, BALL_TRIES = 0.95, 5
 LINE = -1
 """Kind of body beside MuJoCo's types of geoms: a line along z."""
 PROVED = 1.5e-5
-"""Depth, m, by which no point is deeper than the deepest contact."""
+"""Depth, m, by which no point is deeper than the deepest contact, but for what the smallest cells
+may hide: see ``LEAF_IN_BORE``."""
 LEAF_IN_BORE, LEAF_IN_BODY = 2e-3, 1e-2
 """Radius of the smallest cells, in radii of the bore and in the body's largest size: 0.16 mm. A
 minimum in one is no deeper than its middle but for its square times half of the curvature, of at
-most 1 / 2.5 mm at the rim of a mitre: 5 um."""
+most 1 / 2.5 mm at the rim of a mitre: 5 um. Where a joint is both open and bent it may be more:
+``benchmarks/contact_lots.py`` measures it."""
 MAX_CELLS = 1000
 """Of a body, at most: beyond it the deepest contact is taken as it is."""
 MAX_STRAYS = 2
