@@ -1,7 +1,7 @@
 # make demo: run the tee turn and leave results, plot, video and replay page in
 # out/tee_turn; sets up the package alone in .venv.
-# make test: run the tests of what the program computes, in some five minutes; adds what tests,
-# checks and pages need. Both set up EGL first. Another Python, or a second environment:
+# make test: run the tests of what the program computes, in 7 to 13 minutes on two cores; adds what
+# tests, checks and pages need. Both set up EGL first. Another Python, or a second environment:
 # PYTHON=python3.13 VENV=.venv-3.13
 # make test-long: run the tests marked `long`: browsers, windows, notebooks, wheels, the site, examples
 # of the docs, killed processes, statistics, odd files by a seed of the day. Sets up Chromium and Xvfb first.
