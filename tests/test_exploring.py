@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import cycle, pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from network_samples import elbow, forked, joint, reducer, straight, tee
 from point_robot import Errors, PointRobot
 
@@ -20,7 +22,7 @@ from omnitrack_sim.autonomy.near_looks import Confirmation
 from omnitrack_sim.autonomy.pilots import Decision
 from omnitrack_sim.autonomy.sight import Look, Sighting, side_of
 from omnitrack_sim.base.rotations import Pose, angle_between, rotation_about
-from omnitrack_sim.pipes import Elbow, Reducer, Straight, Tee, Wye
+from omnitrack_sim.pipes import Elbow, Fitting, Reducer, Straight, Tee, Wye
 from omnitrack_sim.pipes.map_difference import MapDifference, compare_maps
 from omnitrack_sim.pipes.network import Network, load_network, validate
 from omnitrack_sim.record.events import (
@@ -1107,6 +1109,57 @@ def test_a_port_known_by_kind_and_place_is_recognised():
     end = (arm, "end")
     assert known_port(belief, end, Tee(), "run_start") is None  # nothing is there
     assert known_port(belief, (0, "start"), Elbow(0.24), "start") is None
+
+
+AXIAL: tuple[Fitting, ...] = (Straight(0.3, 0.16), Reducer(0.2, 0.16, inner_diameter=0.16001))
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["attach", "replace", "remove"]), st.integers(0, 99)),
+        max_size=20,
+    )
+)
+@example(
+    # A straight that has taken a reducer's place is the third, and the second is removed.
+    [("attach", 1), ("attach", 0), ("replace", 4), ("remove", 0), ("attach", 0)]
+)
+def test_what_takes_the_place_of_another_part_has_a_name_and_sizes_of_its_own(changes):
+    """However a chain of straights and reducers is attached to, changed and shortened, no two parts
+    have one name, and what was measured to some deviation is a size of its part."""
+    belief = Belief(Pose(), 0.16, 0.4)
+    count = 1
+    for change, number in changes:
+        fitting = AXIAL[number % 2]
+        if change == "attach":
+            belief.attach((count - 1, "end"), fitting, "start", np.array([1.0, 0, 0]))
+            count += 1
+        elif change == "replace":
+            belief.replace_part(number % count, fitting)
+        elif count > 1:
+            belief.remove(count - 1)
+            count -= 1
+        for part in range(count):
+            stds = {each.name: 0.01 for each in fields(belief.fitting(part))}
+            assert belief.stds.get(belief.part_name(part), {}).keys() <= stds.keys()
+            belief.set_stds(part, **stds)
+        assert len({belief.part_name(part) for part in range(count)}) == count
+        assert len(belief.network.pipes.parts) == count
+
+
+def test_a_loop_closes_with_pipe_that_was_taken_for_a_reducer():
+    """Its bore was measured as a reducer has it: that deviation is none of a straight."""
+    belief = Belief(Pose(), 0.16, 0.4)
+    end = belief.attach((0, "end"), AXIAL[1], "start", np.array([1.0, 0, 0])), "end"
+    belief.set_stds(end[0], length=0.01, end_diameter=0.001)
+    belief.replace_part(end[0], Straight(0.2, 0.16))
+    assert belief.stds[belief.part_name(end[0])] == {"length": 0.01}
+    for _ in range(3):
+        end = belief.attach(end, Elbow(0.1), "start", np.array([1.0, 0, 0])), "end"
+        end = belief.attach_straight(end, 0.6 if end[0] % 4 else 0.8), "end"
+    end = belief.attach(end, Elbow(0.1), "start", np.array([1.0, 0, 0])), "end"
+    close_loop(belief, end, belief.start)
+    assert end in belief.joined
 
 
 def test_pipe_whose_end_was_never_seen_is_in_doubt():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import takewhile
 from typing import Literal
 
@@ -258,12 +258,15 @@ class Belief:
     def replace_part(self, part: int, fitting: Fitting) -> str:
         """Put another fitting with the same ports in the place of a part.
 
-        Returns its name, which is another one where the kind is.
+        Of what was measured stays what is a size of the other one too. Returns its name, which is
+        another one where the kind is.
         """
-        name = self._names[part]
         if fitting.kind != self._fittings[part].kind:
-            new = self._names[part] = self._new_name(fitting)
-            self.stds = {new if key == name else key: stds for key, stds in self.stds.items()}
+            sizes = {field.name for field in fields(fitting)}  # type: ignore[arg-type]
+            stds = self.stds.pop(self._names[part], {})
+            self._names[part] = self._new_name(fitting)
+            if kept := {key: std for key, std in stds.items() if key in sizes}:
+                self.set_stds(part, **kept)
         self._fittings[part], self._network = fitting, None
         return self._names[part]
 
@@ -279,8 +282,10 @@ class Belief:
 
     def remove(self, part: int) -> None:
         """Remove a part that ``is_removable``."""
-        self.stds.pop(self._names[part], None)
-        self._counts[self._fittings[part].kind] -= 1
+        name, kind = self._names[part], self._fittings[part].kind
+        self.stds.pop(name, None)
+        # A part before it has a later name where it has taken the place of another kind.
+        self._counts[kind] -= name == f"{kind}_{self._counts[kind]}"
         del self._names[part], self._fittings[part], self._joints[-1]
         self._network = None
 
