@@ -213,8 +213,6 @@ def entries(work: Work, peers: tuple[str, ...] = tuple(TITLES), quick: bool = Fa
 
 def missing(peer: str) -> str | None:
     """What to do so that a peer can run, or None when it can."""
-    if peer == "bullet" and importlib.util.find_spec("bullet") is None:
-        return "the module bullet.py is not there"
     package = NEEDS.get(peer)
     if package is not None and importlib.util.find_spec(package) is None:
         return f"pip install {package}"
@@ -343,10 +341,10 @@ def _sdf(
 def _bullet_entries() -> list[Entry]:
     if missing("bullet") is not None:
         return []
-    import bullet
+    from bullet_walls import SETTINGS
 
     made = []
-    for name, settings in bullet.SETTINGS.items():
+    for name, settings in SETTINGS.items():
         values = (
             dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else dict(settings)
         )
@@ -357,12 +355,13 @@ def _bullet_entries() -> list[Entry]:
 
 
 def _bullet_built(entry: Entry, scenario: Scenario) -> Built:
-    import bullet
+    from bullet_plant import make_bullet_plant
+    from bullet_walls import SETTINGS, bullet_wall_error
 
-    settings = bullet.SETTINGS[entry.settings["name"]]
+    settings = SETTINGS[entry.settings["name"]]
     return Built(
-        make_plant=bullet.make_bullet_plant(settings),
-        wall_error=lambda *_: bullet.bullet_wall_error(scenario, settings),
+        make_plant=make_bullet_plant(settings),
+        wall_error=lambda *_: bullet_wall_error(scenario, settings),
         build_s=float("nan"),
         elements=None,
     )
