@@ -279,12 +279,16 @@ class BulletPlant:
         self._contact_position[known] = centre[known] / weight[known, None]
         return number, total, known
 
-    saturated, to_controller, commanded = (
+    saturated, touches, slip_speed = (
         TrackPlant.saturated,
+        TrackPlant.touches,
+        TrackPlant.slip_speed,
+    )
+    to_controller, from_controller, commanded = (
         TrackPlant.to_controller,
+        TrackPlant.from_controller,
         TrackPlant.commanded,
     )
-    from_controller = TrackPlant.from_controller
 
     def step(self, active: NDArray[np.bool_], command: Command, substeps: int) -> None:
         """Do what ``Plant.step`` does; ``substeps`` counts the physics steps of the scenario.

@@ -22,6 +22,8 @@ from shares import Shares, timed
 
 PARTS = {"straight": 0, "elbow_short": 1, "tee_turn": 1}
 """Index of the fitting, in the pipes of each job, whose wall is probed."""
+OUR_FAULTS = (AttributeError, NameError, TypeError)
+"""What a peer does not fail with, but code that has fallen behind the package's."""
 
 
 @dataclass
@@ -92,7 +94,9 @@ class Case:
             row.build_s, row.elements = case.built.build_s, case.built.elements
             part = own.route.network.parts[PARTS[job]]
             row.wall_error_max_mm, row.wall_error_99_mm = case.built.wall_error(part, probes)
-        except Exception as error:  # whatever a peer fails with is its result
+        except OUR_FAULTS:
+            raise
+        except Exception as error:  # whatever else a peer fails with is its result
             row.error = f"{type(error).__name__}: {error}"
         return case
 
@@ -124,6 +128,8 @@ class Case:
             except OutOfBudgetError:
                 pass
             self._fill(simulation, shares, outcome)
+        except OUR_FAULTS:
+            raise
         except Exception as error:  # likewise
             row.error = f"{type(error).__name__}: {error}"
 
