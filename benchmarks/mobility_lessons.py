@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from omnitrack_sim.record.statistics import mean_interval, wilson_interval
+from omnitrack_sim.trials.batches import INVALID
 
 TEXT = """
 * **A branch is entered by steering.** The omnidirectional robot, which rolls its modules aside and
@@ -53,7 +54,7 @@ def plus_minus(mean: float, half: float, sign: str = "") -> str:
 
 def lessons(trials: Sequence[dict[str, Any]]) -> str:
     """The text with the figures of all trials, a dictionary each."""
-    trials = [trial for trial in trials if trial["outcome"] != "invalid"]  # robots that do not fit
+    trials = [trial for trial in trials if trial["outcome"] != INVALID]  # robots that do not fit
     entries = dict.fromkeys(trial["entry"] for trial in trials)
     others = [entry for entry in entries if entry not in STEERED]
     rigid = [entry for entry in others if entry != "pirate"]

@@ -1111,6 +1111,7 @@ def test_a_port_known_by_kind_and_place_is_recognised():
     assert known_port(belief, (0, "start"), Elbow(0.24), "start") is None
 
 
+# A reducer needs two bores; these hardly differ, so that either takes the other's place in a chain.
 AXIAL: tuple[Fitting, ...] = (Straight(0.3, 0.16), Reducer(0.2, 0.16, inner_diameter=0.16001))
 
 

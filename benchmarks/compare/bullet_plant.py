@@ -189,12 +189,11 @@ class BulletPlant:
         )
         self.qpos[0] = [*position, w, x, y, z, *(s[0] for s in states)]
 
-    def contacts(self) -> list[tuple[int, int, Array, Array, float]]:
+    def contacts(self) -> list[tuple[int, int, Array, Array]]:
         """Contacts that press.
 
         Returns:
-            For each: module, track (0 upper, 1 lower), point (3,) m, force on the track (3,) N, gap
-                m.
+            For each: module, track (0 upper, 1 lower), point (3,) m, force on the track (3,) N.
         """
         found = []
         points = bullet.getContactPoints(self.body, self.wall, physicsClientId=self.client)
@@ -208,9 +207,7 @@ class BulletPlant:
                 + point[12] * np.array(point[13])
             )
             # Bullet reports the impulse of its last own step over the whole step.
-            found.append(
-                (module, track, np.array(point[6]), force * self.settings.substeps, point[8])
-            )
+            found.append((module, track, np.array(point[6]), force * self.settings.substeps))
         return found
 
     def read(self) -> dict[str, Array]:
@@ -269,7 +266,7 @@ class BulletPlant:
         """
         number, total = np.zeros((3, 2)), np.zeros((3, 3))
         weight, centre = np.zeros(3), np.zeros((3, 3))
-        for module, track, point, force, _ in self.contacts():
+        for module, track, point, force in self.contacts():
             size = float(np.linalg.norm(force))
             number[module, track] += 1
             total[module] += force

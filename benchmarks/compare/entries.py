@@ -343,15 +343,10 @@ def _bullet_entries() -> list[Entry]:
         return []
     from bullet_walls import SETTINGS
 
-    made = []
-    for name, settings in SETTINGS.items():
-        values = (
-            dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else dict(settings)
-        )
-        timestep = values.get("time_step")
-        overrides = {} if timestep is None else _clock(timestep)
-        made.append(Entry("bullet", {"name": name, **values}, overrides))
-    return made
+    return [
+        Entry("bullet", {"name": name} | dataclasses.asdict(settings), _clock(settings.time_step))
+        for name, settings in SETTINGS.items()
+    ]
 
 
 def _bullet_built(entry: Entry, scenario: Scenario) -> Built:
