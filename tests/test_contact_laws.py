@@ -25,6 +25,8 @@ from omnitrack_sim.pipes import (
     Tee,
     Wye,
 )
+from omnitrack_sim.walls.deepest import _across_ellipsoid
+from omnitrack_sim.walls.rims import ELLIPSOID
 
 FITTINGS = {
     "straight": Straight(0.4),
@@ -349,6 +351,27 @@ def test_no_point_of_a_body_is_deeper_than_its_deepest_contact(name, shape, seed
     lot = contact_lots.Lot(contact_lots.FITTINGS[name], shape)
     errors = lot.errors(250, np.random.default_rng([seed]))
     assert errors.max() < 2e-5
+
+
+def test_bounds_of_ellipsoids_are_reached_but_for_the_square_of_a_cell():
+    """No point of an ellipsoid within a chord of a direction is farther from a ball's middle than
+    the bound, and the bound exceeds the farthest by the second order of the chord at most: so the
+    search ends after few cells."""
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        sizes, middle = rng.uniform(0.005, 0.08, 3), rng.uniform(-0.3, 0.3, 3)
+        towards = unit(rng.normal(size=3))
+        for chord in (0.02, 0.1, 0.5, 2.0):
+            aside = np.cross(towards, rng.normal(size=(2000, 3)))
+            aside /= np.linalg.norm(aside, axis=1)[:, None]
+            angle = 2 * np.arcsin(chord / 2 * np.sqrt(rng.random((2000, 1))))
+            angle[:1000] = 2 * math.asin(chord / 2)  # most are farthest at the border
+            points = sizes * (np.cos(angle) * towards + np.sin(angle) * aside)
+            farthest = ((points - middle) ** 2).sum(axis=1).max()
+            body, ball = (ELLIPSOID, *sizes), (*middle, 0.1)
+            slack = _across_ellipsoid(body, ball, tuple(towards), chord) - farthest
+            far = sizes.max() + np.linalg.norm(middle)
+            assert -1e-12 < slack < chord**2 * sizes.max() * far
 
 
 def edge_contacts(model, data, shape):

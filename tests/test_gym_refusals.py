@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import gymnasium
@@ -79,8 +80,9 @@ def test_actions_that_are_no_numbers_are_refused():
     """Nothing has moved; what is beyond the space is cut off."""
     env = single(sensing="truth")
     env.reset(seed=1)
-    with pytest.raises(ValueError, match="action"):
-        env.step(np.full(4, np.nan))
+    for action in ([math.nan] * 4, [0.0, math.nan, 0.0, 0.0], [0.0, 0.0, 0.0, -math.inf]):
+        with pytest.raises(ValueError, match="action"):
+            env.step(np.array(action))
     *_, info = env.unwrapped.step(np.full(4, 5.0))
     assert info["time"] == pytest.approx(DECISION_PERIOD)
 

@@ -79,6 +79,12 @@ def test_choices_are_listed_as_far_as_they_fit():
     assert listed([f"name_{i:03}" for i in range(300)], 25) == "name_000, name_001 and 298 more"
     assert listed(["x" * 50, "y"], 10) == "xxxxxxxxxx... (50 characters) and 1 more"
     assert clipped("abc", 3) == "abc"
+    names = ["one", "a", "three", "of", "these"]
+    for length in range(1, 30):
+        fits = max(k for k in range(1, 6) if k == 1 or len(", ".join(names[:k])) <= length)
+        rest = f" and {5 - fits} more" if fits < 5 else ""
+        shortened = [clipped(name, length) for name in names[:fits]]
+        assert listed(names, length) == ", ".join(shortened) + rest
 
 
 @pytest.mark.parametrize(

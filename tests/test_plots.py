@@ -299,6 +299,22 @@ def test_a_view_of_a_network_goes_into_an_axis():
         ot.plot_network(NETWORK, view="top")
 
 
+def test_where_a_network_lies_changes_nothing_but_the_figures_at_its_axes():
+    """Page, place of each view in it and what a view shows have the same sizes; one view likewise
+    but for the room of the figures."""
+    data = NETWORK.model_dump()
+    far = {"place": data["place"] | {"position": (30.0, -20.0, 10.0)}}
+    networks = [ot.Network(**each) for each in (data, data | far)]
+    here, there = map(ot.plot_network, networks)
+    assert there.get_size_inches() == pytest.approx(here.get_size_inches())
+    for one, other in zip(here.axes, there.axes, strict=True):
+        assert other.get_position().bounds == pytest.approx(one.get_position().bounds)
+        assert np.ptp(other.get_xlim()) == pytest.approx(np.ptp(one.get_xlim()))
+        assert np.ptp(other.get_ylim()) == pytest.approx(np.ptp(one.get_ylim()))
+    here, there = (ot.plot_network(each, view="plan").get_size_inches() for each in networks)
+    assert there == pytest.approx(here)
+
+
 def test_names_of_a_network_keep_apart_and_stand_by_their_parts():
     """Of 50 parts: each is named once, no two names overlap, and from each name to the axis of its
     part it is no further than a bore and 13 points (the largest gap), in the view where it is. A

@@ -10,12 +10,16 @@ import pytest
 
 from omnitrack_sim.autonomy.recognition import Recogniser
 from omnitrack_sim.autonomy.recognition.forms import (
+    DISTANCE,
+    PLACES,
     STILL,
+    TURN,
     PosePrior,
     cameras,
     forms,
     numbers_at,
 )
+from omnitrack_sim.autonomy.recognition.recogniser import Entries
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
 from omnitrack_sim.base.rotations import Pose
 from omnitrack_sim.pipes import Elbow, Part, Reducer, Straight, Tee, attached
@@ -393,6 +397,29 @@ def test_a_pipe_that_is_like_none_is_not_sure():
         water = np.where(below > 0, level / np.maximum(below, 1e-9), np.inf)
         sighting = recogniser("depth").single(np.minimum(taken[0], water))
         assert sighting.confidence < 0.95
+
+
+def test_searches_begin_at_entries_that_are_no_neighbours():
+    """Those are apart in distance or in turn, which goes round; and each that is left out before
+    the last of them has one of them beside it."""
+    rng, bore = np.random.default_rng(3), 0.16
+    apart = RECOGNISER.distinct_turn, RECOGNISER.distinct_distance * bore
+    for _ in range(30):
+        numbers = np.zeros((40, PLACES))
+        numbers[:, TURN] = rng.uniform(-1.1, 1.1, 40) + math.pi * rng.integers(-1, 2, 40)
+        numbers[:, DISTANCE] = 0.5 + rng.uniform(0.0, 1.5, 40) * apart[1]
+        rows = rng.permutation(40)[:30]
+        found = Entries(rows, rows, numbers).distinct(rows, bore)
+        at = [rows.tolist().index(row) for row in found]
+        assert at == sorted(at)
+        assert 1 < len(found) <= RECOGNISER.starts
+        turn, place = np.exp(1j * numbers[:, TURN]), numbers[:, DISTANCE]
+        beside = (np.abs(np.angle(turn[:, None] / turn)) <= apart[0]) & (
+            np.abs(place[:, None] - place) <= apart[1]
+        )
+        for k, row in enumerate(rows[: at[-1] + 1]):
+            before = [other for other, i in zip(found, at, strict=True) if i < k]
+            assert beside[row, before].any() == (row not in found)
 
 
 @pytest.mark.parametrize("camera", CAMERAS)

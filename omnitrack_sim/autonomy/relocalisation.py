@@ -79,9 +79,8 @@ class PoseSearch:
         command = command._replace(events=[*kept, *events])
         self._since = np.where(began, time, np.where(lost, self._since, np.nan))
         if np.count_nonzero(began):
-            rows = np.flatnonzero(began)
             self._begun = {
-                name: with_rows(self._begun.get(name, values), rows, values[rows])
+                name: with_rows(self._begun.get(name, values), began, values[began])
                 for name, values in readings.items()
             }
         if not np.count_nonzero(lost):

@@ -46,7 +46,7 @@ from omnitrack_sim.autonomy.recognition.forms import (
     straightened,
 )
 from omnitrack_sim.autonomy.recognition.tuning import RECOGNISER
-from omnitrack_sim.base.rotations import Array, Pose
+from omnitrack_sim.base.rotations import Array, Pose, wrap_angle
 from omnitrack_sim.senses.optics import Camera, OpticsTable, rays_of
 from omnitrack_sim.walls.rays import RayWalls
 
@@ -66,6 +66,19 @@ class Entries:
     form: NDArray[np.intp]
     start: NDArray[np.intp]
     numbers: Array
+
+    def distinct(self, rows: NDArray[np.intp], bore: float) -> list[int]:
+        """Return the first of ``rows`` (k,) that are more than neighbours of those before them."""
+        kept: list[int] = []
+        for row in rows.tolist():
+            apart = self.numbers[row] - self.numbers[kept]
+            turned = np.abs(wrap_angle(apart[:, TURN])) > RECOGNISER.distinct_turn
+            far = np.abs(apart[:, DISTANCE]) > RECOGNISER.distinct_distance * bore
+            if (turned | far).all():
+                kept.append(row)
+            if len(kept) == RECOGNISER.starts:
+                break
+        return kept
 
 
 class Library:
@@ -607,12 +620,7 @@ class Recogniser:
         places: list[float] = []
         for which in range(len(self._forms)):
             rows = np.flatnonzero((entries.form == which) & possible)
-            kept: list[int] = []
-            for row in rows[np.argsort(cost[rows])]:
-                if all(self._are_distinct(row, other) for other in kept):
-                    kept.append(int(row))
-                if len(kept) == RECOGNISER.starts:
-                    break
+            kept = entries.distinct(rows[np.argsort(cost[rows])], self._bore)
             chosen += kept
             places += entries.numbers[kept, DISTANCE].tolist()
             for joint in joints if self._forms[which].parameters else ():
@@ -662,14 +670,6 @@ class Recogniser:
             if near.any():
                 return some[near]
         return rows[:0]
-
-    def _are_distinct(self, row: int, other: int) -> bool:
-        """Return whether two entries of the library are more than neighbours."""
-        entries = self._library.entries
-        a, b = entries.numbers[row], entries.numbers[other]
-        turned = abs((a[TURN] - b[TURN] + math.pi) % (2 * math.pi) - math.pi)
-        far = abs(a[DISTANCE] - b[DISTANCE]) > RECOGNISER.distinct_distance * self._bore
-        return turned > RECOGNISER.distinct_turn or far
 
     def _at_mean_distance(
         self, fits: Hypotheses, views: Views, level: Level
