@@ -273,6 +273,22 @@ def test_what_no_figure_would_show_is_no_contradiction():
         assert len(contradictions_of([column], [], [], [], np.zeros(0), [])) == count
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.5])
+def test_a_column_is_not_met_beyond_a_tenth_of_its_range_and_three_times_its_noise(noise):
+    """The larger of the two decides; the text tells how many times the noise it is."""
+    time = np.linspace(0.0, 1.0, 50)
+    measured = np.sin(9 * time)
+    limit = max(0.1 * np.ptp(measured), 3 * noise)
+    for off, count in ((0.99, 0), (1.01, 1)):
+        column = FittedColumn(
+            *("log", "tilt", "rad", time, measured, measured - off * limit), 50.0, noise
+        )
+        told = contradictions_of([column], [], [], [], np.zeros(0), [])
+        assert len(told) == count
+        times = f", {off * limit / noise:.3g} times its noise" if noise else f"by {off * limit:.3g}"
+        assert all(times in text for text in told)
+
+
 def test_what_was_saved_is_read_back(found, tmp_path):
     """Values, covariance and ranges; `--set @FILE` takes the values alone, and a page stands by."""
     file, page = found.save(tmp_path / "mine.toml")

@@ -48,6 +48,12 @@ def test_every_part_is_named_in_both_maps_and_every_fitting_in_the_chart(figure)
     for part in parts:
         assert names.count(part) == 2 + driven.count(part), part
     assert [name.strip() for name in names if "leg" in name] == ["leg 1", "leg 2, tail first"]
+    (strip,) = [axis for axis in figure.axes if any("leg" in t.get_text() for t in axis.texts)]
+    renderer = figure.canvas.get_renderer()
+    low = min(band.get_window_extent(renderer).y0 for band in strip.collections)
+    bottom = strip.get_window_extent(renderer).y0
+    legs = [t.get_window_extent(renderer) for t in strip.texts if "leg" in t.get_text()]
+    assert all(bottom <= box.y0 < box.y1 <= low for box in legs)
 
 
 def test_a_robot_is_drawn_where_it_drives_on_a_map_that_is_wrong():

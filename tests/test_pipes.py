@@ -195,8 +195,9 @@ def test_elbows_without_turns_stay_in_one_plane():
 def test_overlap_names_both_parts():
     """Four elbows that close on themselves are refused, and the message names both parts."""
     steps = [Step(f"bend{i}", Elbow(0.09), "start", "end") for i in range(4)]
-    with pytest.raises(GeometryError, match=r"bend3.*bend0"):
+    with pytest.raises(GeometryError, match=r"bend3.*bend0") as caught:
         route(steps)
+    assert [fault.where for fault in caught.value.faults] == ["pipes.3"]
     with pytest.raises(GeometryError, match=r"tail.*bend0"):
         route([*steps, Step("tail", Straight(0.1), "start", "end")])
 

@@ -1,5 +1,7 @@
 """Environments on a device, on Warp's CPU back end, against those of the processor."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -15,8 +17,13 @@ import omnitrack_sim as ot
 import omnitrack_sim.warp
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.gym.options import TERMS, Tally
+from omnitrack_sim.robots.omnitrack.control.alignment import held_belt_sign
+from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 from omnitrack_sim.robots.omnitrack.policy.features import TRUTH
+from omnitrack_sim.warp.episodes import course_of
+from omnitrack_sim.warp.omnitrack import driving
+from omnitrack_sim.warp.omnitrack import env as driving_env
 
 wp.config.quiet = True
 SHORT = {"run.goal_distance": 0.13, "run.time_limit": 0.5}
@@ -99,6 +106,60 @@ def test_decisions_are_seen_and_rewarded_as_on_the_processor(scenario, distance)
         assert infos["time"].numpy() == pytest.approx(simulation.time[start], abs=1e-5)
     assert simulation.location.tilt.max() > 0.02
     assert len(simulation.legs.routes.routes) == (1 if scenario == "tee_turn" else 3)
+
+
+def test_commands_are_those_of_the_processor():
+    """Of robots whose modules are rolled anyhow, two in three about the angle at which belts change
+    their direction: speeds, roll, what motors are asked, and lugs that move back by whole pitches
+    with the sprockets that they mesh with."""
+    n, rng = 60, np.random.default_rng(5)
+    simulation = ot.Simulation([ot.load_scenario("straight")], recording=False)
+    setup, robot, course = simulation.setup, driving_env.robot_of(simulation), course_of(simulation)
+    roll = rng.uniform(-math.pi, math.pi, (n, 3))
+    roll[:40] = np.pi * rng.integers(-1, 1, (40, 3)) + np.pi / 2 + rng.uniform(-0.2, 0.2, (40, 3))
+    before, action = rng.choice([-1.0, 1.0], (n, 3)), rng.uniform(-1.0, 1.0, (n, 4))
+    limit, set_point = rng.uniform(0.05, 0.2, (n, 1)), rng.uniform(-4.0, 4.0, (n, 3))
+    speed, torque = rng.uniform(-0.2, 0.2, (n, 3)), rng.uniform(-1.0, 1.0, (n, 3))
+    loop = SpeedLoop(drive_of(setup.robot.drive), [setup.robot.motor] * n, robot.lug_radius)
+    state = np.zeros((n, driving.STATE_SIZE), np.float32)
+    for at, values in (
+        (driving.ROLL, roll),
+        (driving.FORWARD, before),
+        (driving.ACTION, action),
+        (driving.SPEED_LIMIT, limit),
+        (driving.ROLL_SET, set_point),
+        (driving.BELT_SPEED, speed),
+        (driving.TORQUE, torque),
+        (driving.MOTOR, loop.figures),
+    ):
+        state[:, at : at + values.shape[1]] = values
+    model = simulation.model
+    qpos = rng.uniform(-0.1, 0.1, (n, model.nq)).astype(np.float32)
+    empty = [np.zeros((n, k), np.float32) for k in (3, 9)]
+    given = [wp.array(each, dtype=float) for each in (state, *empty, qpos)]
+    ctrl = wp.zeros((n, model.nu), dtype=float)
+    forces = wp.zeros((n, model.nu), dtype=wp.vec2)
+    wp.launch(driving.command, n, inputs=[robot, course, *given, ctrl, forces])
+    _, wanted, _, moved = (each.numpy() for each in given)
+    forward = held_belt_sign(roll, robot.band, before)
+    assert (forward != np.sign(np.cos(roll))).any()
+    assert wanted == pytest.approx(action[:, :3] * limit * forward, rel=1e-5)
+    turned = action[:, 3:] * setup.robot.roll_rate * setup.period
+    asked, least, most = loop.advance(wanted, speed, torque, setup.period)
+    of_belts, of_rolls = list(robot.belt_motors), list(robot.roll_motors)
+    assert ctrl.numpy()[:, of_rolls] == pytest.approx(set_point + turned, rel=1e-5)
+    assert ctrl.numpy()[:, of_belts] == pytest.approx(asked, rel=1e-4, abs=1e-6)
+    ranges = forces.numpy()[:, of_belts]
+    assert ranges == pytest.approx(np.stack([least, most], axis=-1), rel=1e-4, abs=1e-3)
+    belts, sprockets = (np.array(each).reshape(3, 2) for each in (robot.belts, robot.sprockets))
+    back = (qpos - moved)[:, belts[:, 0], None]
+    pitches = back / robot.lug_pitch
+    assert pitches == pytest.approx(np.round(pitches), abs=1e-3)
+    assert np.abs(moved[:, belts[:, 0]]).max() <= 0.501 * robot.lug_pitch
+    expected = qpos.copy()
+    expected[:, belts] -= back
+    expected[:, sprockets] -= back / robot.lug_radius
+    assert moved == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.long

@@ -579,7 +579,7 @@ class Patch:
 def total_height(patches: Sequence[Patch], places: Array) -> Array:
     """Return the height (...,) m of all patches at places (..., 2): m along the pipe, rad."""
     places = np.ascontiguousarray(places, float)
-    numbers = np.concatenate([np.zeros(0), *(patch.numbers() for patch in patches)])
+    numbers = np.concatenate([[], *(patch.numbers() for patch in patches)])
     heights = np.zeros(places.shape[:-1])
     evaluate = c_function(_at_places, _AT_PLACES).ctypes
     evaluate(*pointers(numbers), len(patches), *pointers(places), heights.size, *pointers(heights))
@@ -589,4 +589,4 @@ def total_height(patches: Sequence[Patch], places: Array) -> Array:
 def numbers_of(patches: Sequence[Patch], radius: float) -> Array:
     """Return the numbers of patches on a round bore, see ``distance``."""
     each = [patch.numbers(radius, total_height(patches, patch.nodes)) for patch in patches]
-    return np.concatenate([np.zeros(0), *each])
+    return np.concatenate([[], *each])
