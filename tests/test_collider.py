@@ -46,6 +46,7 @@ from omnitrack_sim.robots.omnitrack.track import (
     line_record,
     sprocket_record,
 )
+from omnitrack_sim.walls.collider import PREVIOUS, collide, enter
 from omnitrack_sim.walls.geoms import add_exact_walls
 from omnitrack_sim.walls.record import (
     ENDS,
@@ -318,6 +319,14 @@ def test_a_fast_ball_stays_in_its_pipe(name):
             if fitting.extent(data.qpos[None, :3])[0] < 0:
                 break  # out of a port
             assert fitting.signed_distance(data.qpos[None, :3])[0][0] > -RADIUS / 2
+
+
+def test_a_pair_of_geoms_without_a_function_of_mujoco_is_not_entered():
+    """Not known how MuJoCo would go on: the types are named, height field first."""
+    types = mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_PLANE
+    told = rf"no function for geoms of types \({types[0].value}, {types[1].value}\)"
+    with pytest.raises(RuntimeError, match=told):
+        enter(collide, types[1], PREVIOUS)
 
 
 def test_a_line_beyond_the_wall_belongs_to_another_pipe():

@@ -828,6 +828,7 @@ def test_a_fitting_directly_behind_a_reducer_tells_the_reducers_length():
     (size,) = (size for size in found.sizes if size.true == "wider" and size.key == "length")
     assert abs(size.error) < 0.002
     assert 0.0 < robot.explorer.belief.stds["reducer_1"]["length"] < 0.005
+    assert "pipe behind it may be none" not in str(robot.explorer.unexplored)
 
 
 @pytest.mark.parametrize("confidence", [1.0, 0.9], ids=["clear", "dim"])

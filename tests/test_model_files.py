@@ -122,6 +122,17 @@ def test_a_model_without_a_free_joint_gets_one():
     assert ot.run(in_a_pipe(file)).outcome.value == "timed_out"
 
 
+def test_a_free_joint_has_a_name_of_its_own():
+    """Where others have the name that it would get, with the first number that none has."""
+    for taken in ((), ("",), ("", "_2", "_3")):
+        axes = zip(taken, ("1 0 0", "0 1 0", "0 0 1"), strict=False)
+        joints = "".join(f"<joint name='hull_free{end}' axis='{axis}'/>" for end, axis in axes)
+        limb = f"<body pos='0.05 0 0'>{joints}<geom size='0.01'/></body>"
+        model = compiled(written(mjcf(f"<body name='hull'>{BALL}{limb}</body>")))
+        number = f"_{len(taken) + 1}" if taken else ""
+        assert model.joint(f"hull_free{number}").type[0] == mujoco.mjtJoint.mjJNT_FREE
+
+
 def test_a_joint_to_the_world_that_is_driven_is_no_free_robot():
     """What pushes a cart along its rail has nothing to push it from in a pipe."""
     world = f"<body name='cart'><joint name='rail' type='slide'/>{BALL}</body>"

@@ -185,6 +185,20 @@ def test_surfaces_around_the_axis_tell_how_the_robot_turns(count):
     assert rotation_by_sides(travel[None], angles, radius)[0] == pytest.approx(wanted, abs=1e-12)
 
 
+def test_the_presser_reads_its_wheels_and_arms_by_their_joints():
+    """Of two robots, each its own: travel of the wheels' rims, and places of the arms."""
+    robot = Presser()
+    odometry, rng = robot.odometry(), np.random.default_rng(2)
+    qpos = rng.uniform(-1.0, 1.0, (2, max(at.stop for at in robot.joints.values())))
+    state: Any = SimpleNamespace(qpos=qpos)
+    columns = {name: qpos[:, at.start] for name, at in robot.joints.items()}
+    arms = np.stack([columns[f"guide_{k}"] for k in range(3)], axis=-1)
+    wheels = [columns[f"{end}_{k}"] for end in ("front", "rear") for k in range(3)]
+    assert (odometry.arms(state) == arms).all()
+    expected = robot.wheel_radius * np.stack(wheels, axis=-1)
+    assert odometry.surfaces(state) == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("out", [-0.004, 0.0, 0.003])
 def test_the_bore_of_the_presser_is_that_which_its_tyres_touch(out):
     """With its arms alike, by the farthest points of its tyres."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -407,7 +408,8 @@ def _set_free(spec: mujoco.MjSpec, root: mujoco.MjsBody) -> Iterator[str]:
 def _unique(name: str, others: Iterable[Any]) -> str:
     """Return a name that none of the others has: this one, or with a number behind it."""
     taken = {other.name for other in others}
-    return next(n for n in (name, *(f"{name}_{i}" for i in range(2, 10_000))) if n not in taken)
+    names = chain([name], (f"{name}_{i}" for i in count(2)))
+    return next(each for each in names if each not in taken)
 
 
 def _enable_physics(spec: mujoco.MjSpec) -> Iterator[str]:
