@@ -8,7 +8,7 @@ from omnitrack_sim import run_trials
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.scenario import Scenario
 from omnitrack_sim.trials.bench import Bench
-from omnitrack_sim.trials.bench_table import least_size, page
+from omnitrack_sim.trials.bench_table import least_size, page, passed_table
 from omnitrack_sim.trials.mobility import CourseFile
 from omnitrack_sim.trials.suite import load_suite
 
@@ -110,6 +110,21 @@ def _row(size: float, passed: int, trials: int = 4, ladder: str = "step") -> dic
     others = f"{trials - passed} stuck" if trials else "does not fit"
     row = {"course": f"{ladder}_{size:g}", "entry": "a", "ladder": ladder, "size": size}
     return row | {"passed": passed, "trials": trials, "others": others}
+
+
+def test_trials_passed_are_a_row_a_course_and_a_column_an_entry():
+    """In the order of the rows; nothing where an entry has not been tried."""
+    rows = [
+        _row(size, 3) | {"entry": entry, "success": 0.75} for size in (0.2, 0.1) for entry in "ba"
+    ]
+    rows += [_row(0.3, 0, 0) | {"entry": "b", "success": None}]
+    cells = [[text.strip() for text in line.split("|")[1:-1]] for line in passed_table(rows)]
+    assert cells[0] == ["course", "`b`", "`a`"]
+    assert cells[2:-1] == [
+        ["`step_0.2`", "3 of 4", "3 of 4"],
+        ["`step_0.1`", "3 of 4", "3 of 4"],
+        ["`step_0.3`", "does not fit", "-"],
+    ]
 
 
 def test_the_least_size_that_stops_is_where_less_than_half_pass_first():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from inspect import signature
 
 import numpy as np
@@ -25,7 +26,7 @@ from omnitrack_sim.calibration.doubt import (
 )
 from omnitrack_sim.calibration.fit import MODEL_ERROR
 from omnitrack_sim.calibration.model_error import ModelError, effects_of
-from omnitrack_sim.calibration.parameters import Parameter
+from omnitrack_sim.calibration.parameters import Parameter, parameters_of
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
 from omnitrack_sim.cli.calibrate import calibrate as command
@@ -259,6 +260,27 @@ def test_a_log_of_a_slipping_run_contradicts_a_fit_that_cannot_slip(climb, pulle
     slipped = ot.Log("slipping", log.time, {**log.values, "distance": way})
     fit = ot.calibrate([slipped], climb, [FORCE])
     assert any("distance is not met" in text and "slips" in text for text in fit.contradictions)
+
+
+def test_what_is_known_before_follows_from_where_a_value_is_from():
+    """A tenth of values that are published or derived from such, a quarter of inferred ones, a
+    factor of two of others; of a range that is given, its own spread, and that is the most."""
+    scenario = ot.load_scenario("straight")
+    parts = {
+        "robot.spring_stiffness": ("published", 0.1),
+        "robot.lug_radius": ("derived", 0.1),
+        "robot.reach": ("inferred", 0.25),
+        "robot.contact_time": ("numerical", math.log(2)),
+        "world.friction": ("unstated", math.log(2)),
+    }
+    for one in parameters_of(list(parts), [scenario]):
+        provenance, part = parts[one.path]
+        assert one.provenance == provenance
+        assert one.prior == pytest.approx(part * one.start), one.path
+    (given,) = parameters_of({"robot.reach": (0.095, 0.097)}, [scenario])
+    assert given.prior == pytest.approx(0.002 / math.sqrt(12))
+    (narrow,) = parameters_of(["robot.scale"], [scenario])
+    assert narrow.prior == pytest.approx((narrow.high - narrow.low) / math.sqrt(12))
 
 
 def test_what_no_figure_would_show_is_no_contradiction():

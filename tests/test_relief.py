@@ -151,6 +151,15 @@ def test_meshes_lie_on_the_wall(name):
 
 
 @pytest.mark.parametrize("name", SEVERAL)
+def test_the_widest_place_of_a_bore_is_its_largest_radius(name):
+    """To a tenth of a millimetre: it is that of the nodes of the heights."""
+    fitting = pipe(*SEVERAL[name])
+    places = places_of(fitting, np.array([[0.0, 0.0, 0.15]]), 2e-3)
+    widest = np.hypot(places[:, 0], places[:, 1]).max()
+    assert fitting.max_radius == pytest.approx(widest, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", SEVERAL)
 def test_rays_end_on_the_wall(name):
     """Rays end on the wall, tell its normal, and pass through none."""
     fitting = pipe(*SEVERAL[name])

@@ -202,6 +202,19 @@ def test_several_bases_are_the_first_axis():
     assert sweep.groups == ("base", "world.friction")
 
 
+@pytest.mark.parametrize(("kind", "most"), [("list", 12), ("grid", 24)])
+def test_axes_of_few_values_make_groups(kind, most):
+    """As few as a summary can list."""
+    for count in (most, most + 1):
+        axis = {"path": "world.friction", "kind": kind}
+        axis |= (
+            {"start": 0.2, "stop": 0.8, "count": count}
+            if kind == "grid"
+            else {"values": np.linspace(0.2, 0.8, count).tolist()}
+        )
+        assert _sweep(axis).groups == (("world.friction",) if count == most else ())
+
+
 def test_a_base_may_be_a_file_beside_the_sweep(tmp_path):
     """Paths of bases are relative to the sweep's file, whose stem is its name."""
     (tmp_path / "pipe.toml").write_text('[[pipes]]\nkind = "straight"\nlength = 0.6\n')

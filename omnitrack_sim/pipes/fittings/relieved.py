@@ -169,7 +169,7 @@ class Relieved(Fitting):
 
     @cached_property
     def widening(self) -> float:
-        """Depth, m, of the deepest place of its wall outside of the bore."""
+        """Depth, m, of the deepest node of its wall's heights outside of the bore."""
         totals = [total_height(self.patches, patch.nodes) for patch in self.patches]
         return max([0.0, *(-float(total.min()) for total in totals)])
 
