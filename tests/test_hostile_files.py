@@ -319,6 +319,28 @@ def test_a_town_of_odd_numbers_is_built_or_refused(key, value, tmp_path):
         assert 0 < made.network.length < 1e4
 
 
+@pytest.mark.parametrize(
+    ("key", "what", "allowed", "odd"),
+    [
+        ("height", "height", (), (-10_001, 10_001)),
+        ("length", "length", (0.01, 199_999), (0.0099, 200_001)),
+        ("bore", "diameter", (1, 19_999), (0.99, 20_001)),  # mm
+        ("place", "coordinate", (-999_999_999, 999_999_999), (-1.01e9, 1.01e9)),
+    ],
+)
+def test_a_town_may_have_the_sizes_of_any_on_earth(key, what, allowed, odd, tmp_path):
+    """What is beyond them is named."""
+    pytest.importorskip("wntr")
+    for value in (*allowed, *odd):
+        (tmp_path / "town.inp").write_text(TOWN.format(**SIZES | {key: f"{value:.9g}"}))
+        told = ""
+        try:
+            ot.import_network(tmp_path / "town.inp")
+        except OmnitrackError as error:
+            told = str(error)
+        assert (f"has a {what} of" in told) == (value in odd), told
+
+
 @pytest.mark.parametrize("scale", [1e6, 1e300, 1e-300, float("nan"), -1.0])
 def test_a_town_at_an_absurd_scale_is_refused(scale, tmp_path):
     """A town as large as a planet is not laid out."""

@@ -208,6 +208,28 @@ def test_pictures_on_their_way_follow_a_robot_that_has_moved_to_another_pose():
         assert length(rotation_vector(turn))[0] < 1e-6
 
 
+def test_a_robot_moves_with_the_part_of_the_map_that_it_is_in():
+    """It keeps its pose in that part, with the pictures that are on their way; others stay."""
+    trial, rng = Trial(before_tee(), off=0.05, turned=1.0), np.random.default_rng(1)
+    trial.localiser.shoot(trial.picture(0), np.ones(1, int), 3, np.ones(1, bool))
+    turns = turned_by(rng.uniform(-1.0, 1.0, (4, 3)))
+    before, after = (Pose(turn, rng.uniform(-1.0, 1.0, 3)) for turn in turns[:2])
+    pose = trial.localiser.filter
+    pose.position, pose.rotation = rng.uniform(-1.0, 1.0, (2, 3)), turns[2:]
+    shot = trial.localiser._arriving[0][1]
+    there = {"pose": (pose.position, pose.rotation), "shot": (shot.position, shot.rotation)}
+    trial.localiser.move(0, before, after)
+    later = trial.localiser._arriving[0][1]
+    for name, estimate in (("pose", pose), ("shot", later)):
+        position, rotation = there[name]
+        inside = before.inverse() @ Pose(rotation[0], position[0])
+        expected = after @ inside
+        assert estimate.position[0] == pytest.approx(expected.position)
+        assert estimate.rotation[0] == pytest.approx(expected.rotation)
+    assert (pose.position[1] == there["pose"][0][1]).all()
+    assert (pose.rotation[1] == there["pose"][1][1]).all()
+
+
 def test_a_map_that_changes_makes_a_robot_less_sure():
     """By the deviations of ``LocaliserSettings``, in every direction."""
     trial = Trial(before_tee(), std=(0.002, 0.01))

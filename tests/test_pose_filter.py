@@ -92,6 +92,25 @@ def test_belts_that_slip_get_less_far(skid: float, slip: float) -> None:
     assert pose.covariance[0, SLIP, SLIP] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("sharp", [0.0, 0.3])
+@pytest.mark.parametrize("differ", [0.1, 0.6, 2.0])
+def test_robots_wander_aside_by_what_is_worse_turn_or_slip(sharp: float, differ: float) -> None:
+    """How sharply they turn, and how much drives and gyro differ, each as a part of the way and one
+    at most: the larger decides."""
+    way, table = 0.01, TABLE.filter
+    turned, spread = np.array([[sharp * way / 0.08, 0.0, 0.0]]), []
+    for skid in (0.0, differ * way):
+        pose = filter_of()
+        pose.advance(Motion.along(np.array([way])), turned, np.array([skid]), PERIOD)
+        pose.settle(np.ones(1, bool))
+        spread.append(pose.covariance[0, 0, 0])
+    before, loose = (
+        (table.aside_std + table.aside_turning * part) ** 2 * way
+        for part in (sharp, max(sharp, min(differ, 1.0)))
+    )
+    assert spread[1] - spread[0] == pytest.approx(loose - before, rel=1e-6, abs=1e-12)
+
+
 ROBOT = Omnitrack()
 
 

@@ -92,6 +92,7 @@ def test_the_travel_of_a_playback_is_the_way_of_its_body(rolling):
     apart = np.diff(playback.travel[playback.path])
     assert np.ptp(apart) <= 2 * steps.max()
     assert playback.path[0] == 0
+    assert playback.track_travel.shape == (len(rolling), 0)  # a ball has no tracks
 
 
 def test_no_two_samples_are_at_one_travel():

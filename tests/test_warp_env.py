@@ -16,7 +16,8 @@ from gymnasium.vector import AutoresetMode
 import omnitrack_sim as ot
 import omnitrack_sim.warp
 from omnitrack_sim.base.errors import InputError
-from omnitrack_sim.gym.options import TERMS, Tally
+from omnitrack_sim.gym.episodes import EpisodeSampler
+from omnitrack_sim.gym.options import TERMS, EnvOptions, Tally
 from omnitrack_sim.robots.omnitrack.control.alignment import held_belt_sign
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
@@ -24,6 +25,7 @@ from omnitrack_sim.robots.omnitrack.policy.features import TRUTH
 from omnitrack_sim.warp.episodes import course_of
 from omnitrack_sim.warp.omnitrack import driving
 from omnitrack_sim.warp.omnitrack import env as driving_env
+from omnitrack_sim.warp.starts import NETWORKS, SideBySide
 
 wp.config.quiet = True
 SHORT = {"run.goal_distance": 0.13, "run.time_limit": 0.5}
@@ -106,6 +108,26 @@ def test_decisions_are_seen_and_rewarded_as_on_the_processor(scenario, distance)
         assert infos["time"].numpy() == pytest.approx(simulation.time[start], abs=1e-5)
     assert simulation.location.tilt.max() > 0.02
     assert len(simulation.legs.routes.routes) == (1 if scenario == "tee_turn" else 3)
+
+
+def test_networks_that_stand_side_by_side_are_driven_as_alone():
+    """Each robot's route is as long, and turns as often, as that of its mission alone; all lie in
+    one assembly, which refuses pipes that overlap, and networks take turns."""
+    sampler = EpisodeSampler(EnvOptions(scenario="random_network", fittings=(1, 3)))
+    side_by_side, values = (
+        SideBySide(sampler, 3, np.random.default_rng(4)),
+        np.random.default_rng(1),
+    )
+    rng = np.random.default_rng(4)
+    alone = [sampler.mission(int(rng.integers(NETWORKS))).route for _ in range(3)]
+    drawn = [side_by_side.draw(values).route for _ in range(4)]
+    parts = sum(len(route.network.parts) for route in alone)
+    assert all(len(route.network.parts) == parts for route in drawn)
+    for route, own in zip(drawn, [*alone, alone[0]], strict=True):
+        assert route.centreline.length == pytest.approx(own.centreline.length)
+        kinds = [[one.network.parts[p.index].fitting for p in one.passages] for one in (route, own)]
+        assert kinds[0] == kinds[1]
+    assert len({route.passages[0].index for route in drawn}) == 3
 
 
 def test_commands_are_those_of_the_processor():
