@@ -25,7 +25,7 @@ from omnitrack_sim.pipes import (
     Tee,
     Wye,
 )
-from omnitrack_sim.walls.deepest import _across_ellipsoid
+from omnitrack_sim.walls.deepest import _across_ellipsoid, is_in_ball
 from omnitrack_sim.walls.rims import ELLIPSOID
 
 FITTINGS = {
@@ -351,6 +351,18 @@ def test_no_point_of_a_body_is_deeper_than_its_deepest_contact(name, shape, seed
     lot = contact_lots.Lot(contact_lots.FITTINGS[name], shape)
     errors = lot.errors(250, np.random.default_rng([seed]))
     assert errors.max() < 2e-5
+
+
+def test_a_point_in_a_ball_of_the_bore_is_as_far_from_its_wall_as_from_the_wall_at_least():
+    """So a point that is told to be farther than a target from a wall is."""
+    rng, middle, away = np.random.default_rng(2), np.array([0.02, -0.01, 0.3]), 0.05
+    points = middle + rng.uniform(-0.06, 0.06, (2000, 3))
+    depth = away - np.linalg.norm(points - middle, axis=1)
+    for target in (-0.01, 0.0, 0.02):
+        told = [is_in_ball((*middle, away), *point, target) for point in points.tolist()]
+        assert told == (depth >= target).tolist()
+        assert 10 < sum(told) < 1500
+    assert not is_in_ball((*middle, away), *middle, 0.06)
 
 
 def test_bounds_of_ellipsoids_are_reached_but_for_the_square_of_a_cell():

@@ -24,6 +24,7 @@ from omnitrack_sim.pipes.importing.drawing import (
     DrawnPipe,
     without_straight,
 )
+from omnitrack_sim.pipes.importing.epanet import _in_space
 
 BORE = 0.16
 
@@ -205,6 +206,29 @@ def test_a_pipe_lies_level_and_rises_at_one_end(tmp_path, profile, height):
     assert any("45 degrees" in note.problem for note in imported.of("assumed"))
     there, built = imported.lengths["p1"]
     assert built == pytest.approx(there + 2 * (math.sqrt(2) - 1), abs=0.2)  # bends cut corners
+
+
+@pytest.mark.parametrize("profile", ["even", "low", "high"])
+@pytest.mark.parametrize("heights", [(3.0, 9.0), (9.0, 3.0), (3.0, 3.2)])
+def test_a_pipe_in_space_rises_where_its_profile_says(profile, heights):
+    """By 45 degrees beside the higher of its ends or beside the lower, ten bores of level pipe from
+    it; evenly, or where there is no room for that. It keeps to its line on the map."""
+    line, bore = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 10.0]]), 0.15
+    for bent in (line, line / 10):
+        points = _in_space(bent, heights, profile, bore)
+        steps = np.diff(points, axis=0)
+        run, rise = np.linalg.norm(steps[:, :2], axis=1), np.abs(steps[:, 2])
+        assert points[[0, -1], 2] == pytest.approx(heights)
+        assert run.sum() == pytest.approx(np.linalg.norm(np.diff(bent, axis=0), axis=1).sum())
+        assert rise.sum() == pytest.approx(abs(heights[1] - heights[0]))
+        if profile == "even" or bent is not line or rise.sum() < 1:
+            assert rise == pytest.approx(run * rise.sum() / run.sum())
+            continue
+        (at,) = np.flatnonzero(rise > 1e-9)
+        assert rise[at] == pytest.approx(run[at])
+        end = np.argmax(heights) if profile == "low" else np.argmin(heights)
+        beside = run[:at].sum() if end == 0 else run[at + 1 :].sum()
+        assert beside == pytest.approx(10 * bore)
 
 
 def test_pipes_that_lie_in_each_other_are_laid_apart():

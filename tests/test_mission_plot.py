@@ -166,6 +166,11 @@ def test_the_way_back_is_drawn_beside_the_way_there(figure):
         ]
         assert apart[0] < 1e-9
         assert apart[1] == pytest.approx(0.04, abs=1e-4)
+        # On the page: from a point of the way to the nearest place of the robot is to the left.
+        nearest = flat[np.linalg.norm(back[:, None] - flat, axis=-1).argmin(axis=1)]
+        drawn, home = axis.transData.transform(back), axis.transData.transform(nearest)
+        on, left = np.gradient(drawn, axis=0), home - drawn
+        assert (on[:, 0] * left[:, 1] - on[:, 1] * left[:, 0]).sum() > 0
 
 
 def test_signs_are_explained(figure):
