@@ -829,6 +829,14 @@ def test_a_fitting_directly_behind_a_reducer_tells_the_reducers_length():
     assert abs(size.error) < 0.002
     assert 0.0 < robot.explorer.belief.stds["reducer_1"]["length"] < 0.005
     assert "pipe behind it may be none" not in str(robot.explorer.unexplored)
+    # Told so by the larger share the less it was known; and not where nothing has measured it.
+    belief, mapper = robot.explorer.belief, robot.explorer._mapper
+    part = next(i for i in range(9) if belief.part_name(i) == "reducer_1")
+    for known, share in ((0.01, 100 / 101), (0.001, 0.5), (None, 0.0)):
+        belief.stds["reducer_1"] = {} if known is None else {"length": known}
+        before = belief.fitting(part).length
+        assert mapper._correct_reducer(part, 0.004, 0.001) == pytest.approx(share * 0.004)
+        assert belief.fitting(part).length == pytest.approx(before + share * 0.004)
 
 
 @pytest.mark.parametrize("confidence", [1.0, 0.9], ids=["clear", "dim"])

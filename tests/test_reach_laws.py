@@ -546,6 +546,8 @@ def test_the_page_and_the_summary_say_what_the_map_says():
         "A.start",
         "elbow (e): 0.70",
     ]
+    lengths = f"{reach.expected_length:.3g} m of {reach.length:.3g} m"
+    assert f"{lengths} expected to be reached from A.start" in _page(reach)
     about = summary_of(reach)
     assert about["expected_m"] == pytest.approx(2 * 0.8 + 0.56 * (3 + 0.12 * math.pi))
     assert about["expected_there_and_back_m"] == pytest.approx(

@@ -44,6 +44,14 @@ def test_the_path_is_drawn_through_points_of_equal_travel(playback):
     assert apart.max() < POINTS_APART + 0.0021
 
 
+def test_all_of_a_robot_but_its_springs_throws_a_shadow(playback):
+    """Light between their coils would be a row of dots."""
+    names = {geom: playback.model.geom(geom).name for geom in playback.visible_geoms}
+    springs = {geom for geom, name in names.items() if "spring" in name}
+    assert springs
+    assert set(playback.casting) == set(names) - springs
+
+
 def test_the_robot_points_along_its_way_in_its_gear(playback, run):
     """Its nose goes ahead on the first leg and behind on the second."""
     leg = playback.trajectory["leg"].astype(int)
