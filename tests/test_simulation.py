@@ -225,6 +225,22 @@ def test_own_pilots_and_senses_drive_a_run() -> None:
     assert early.trajectory["distance"][-1] == pytest.approx(0.395, abs=0.002)
 
 
+def test_looks_of_senses_without_error_tell_the_truth_for_sure() -> None:
+    """What is ahead and behind, how far it is from where the robot is, and no doubt of it."""
+    simulation = ot.Simulation([ot.load_scenario("tee_turn")])
+    simulation.step()
+    look, place = simulation.senses.look(0, True), simulation.location.distance[0]
+    assert (look.time, look.distance, look.std) == (simulation.time[0], place, 0.0)
+    assert look.ahead is not None
+    assert look.behind is not None
+    assert (look.ahead.kind[0], look.ahead.enter) == ("tee", "run_start")
+    assert place + look.ahead.distance == pytest.approx(0.3)
+    assert (look.behind.end, look.behind.distance) == ("open", pytest.approx(place))
+    for seen in (look.ahead, look.behind):
+        assert (seen.distance_std, seen.turn_std, seen.confidence) == (0.0, 0.0, 1.0)
+    assert simulation.senses.look(0, False).behind is None
+
+
 def test_the_engine_s_own_objects_are_within_reach() -> None:
     """Model and data of a simulation are MuJoCo's, and those of the scenario's own model."""
     scenario = ot.load_scenario("straight")

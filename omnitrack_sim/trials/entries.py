@@ -59,8 +59,7 @@ def robot_of(changes: Changes) -> Robot:
     """
     data: dict[str, Any] = {"robot": {}}
     for path, value in kinds_first(changes).items():
-        if path.startswith("robot."):
-            set_value(data, path, value)
+        set_value(data, path, value)
     kind = data["robot"].pop("kind", DEFAULT)
     return checked(robot_class(str(kind)), data["robot"], InputError)
 
