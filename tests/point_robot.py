@@ -229,6 +229,7 @@ class PointRobot:
                 self._note_turn()
                 self._advance()
                 continue
+            assert all((event.robot, event.time) == (0, time) for event in decision.events)
             self.events += decision.events
             if decision.leg is None:
                 return

@@ -209,14 +209,14 @@ def test_a_look_from_afar_that_hardly_shows_what_it_sees_moves_no_robot(shows):
 
 
 @pytest.mark.parametrize(
-    ("angle", "beside", "believed"),
-    [(30, 0, False), (30, 40, True), (50, 0, True)],
-    ids=["the rest", "to another side", "too much to be the rest"],
+    ("first", "angle", "beside", "believed"),
+    [(90, 30, 0, False), (45, 30, 0, False), (90, 30, 40, True), (90, 50, 0, True)],
+    ids=["the rest", "of half a bend", "to another side", "too much to be the rest"],
 )
-def test_a_bend_out_of_a_bend_to_the_same_side_may_be_its_rest(angle, beside, believed):
+def test_a_bend_out_of_a_bend_to_the_same_side_may_be_its_rest(first, angle, beside, believed):
     """Before a wide bend its far end is hidden, so the map may have it too short by that much;
     however often it is seen in one place, it is not another bend."""
-    parts = [straight("foot", 0.6), elbow("bend"), straight("on", 0.5)]
+    parts = [straight("foot", 0.6), elbow("bend", angle_deg=first), straight("on", 0.5)]
     joints = [joint("foot.end", "bend.start"), joint("bend.end", "on.start")]
     robot = PointRobot(validate({"fittings": parts, "joints": joints}), "foot.start")
     explorer, on_look, looks = robot.explorer, robot.explorer.on_look, []
@@ -269,6 +269,34 @@ def test_a_fitting_that_follows_directly_is_taken_when_two_looks_agree(wrong: in
     assert looks
     assert difference(robot).same == right
     assert bool(of_kind(robot, ExplorationComplete)) == right
+
+
+@pytest.mark.parametrize(("more", "close"), [(-0.01, True), (0.01, False)])
+def test_sizes_are_told_from_close_by(more, close):
+    """Of reducers and elbows up to a look before its nose is close to them; a tee is always one."""
+    robot = PointRobot(bent(), "foot.start")
+    check, route = robot.explorer._check, robot.explorer.route()
+    away = robot.robot.length / 2 + LOOKS.close + LOOKS.step_again + more
+    for fitting in (Elbow(0.24), Reducer(0.16, 0.13), Tee()):
+        ahead = Sighting(fitting, fitting.port_names[0], distance=away)
+        assert check._shows_sizes(ahead, route) == (close and not isinstance(fitting, Tee))
+
+
+def test_what_was_seen_of_a_part_that_is_taken_back_is_forgotten():
+    """Its number may be that of another part soon."""
+    robot = explored(bent())
+    part = next(i for i in range(9) if robot.explorer.belief.fitting(i).kind == "elbow")
+    seen = Sighting(Elbow(0.2), "start", distance=0.2, size_stds={"mean_radius": 0.002})
+    for forgotten in (False, True):
+        rear = robot.explorer._rear
+        rear.measure(part)
+        for _ in range(LOOKS.min_looks):
+            rear._add_size(part, seen, more=False)
+        if forgotten:
+            rear.forget_part(part)
+        measured = rear.take_measured()
+        assert (measured is None) == forgotten
+        assert measured is None or measured[:3] == (part, "mean_radius", pytest.approx(0.2))
 
 
 def test_sizes_take_three_looks_though_these_differ_in_where_the_bend_is():

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from network_samples import branched, elbow, joint, reducer, straight, tee
 
-from omnitrack_sim.autonomy.sight import TrueSight
+from omnitrack_sim.autonomy.pilots import FixedRoute
+from omnitrack_sim.autonomy.sight import Look, Sighting, TrueSight, is_right
 from omnitrack_sim.base.errors import NetworkError
 from omnitrack_sim.base.rotations import Pose
-from omnitrack_sim.pipes import ARCS, attached
+from omnitrack_sim.pipes import ARCS, Elbow, Tee, attached
 from omnitrack_sim.pipes.map_difference import compare_maps
 from omnitrack_sim.pipes.network import load_network, validate
 from omnitrack_sim.pipes.planning import shortest_route
 from omnitrack_sim.robots.omnitrack import Omnitrack
+from omnitrack_sim.scenario import load_scenario
 
 HALF = Omnitrack().length / 2
 
@@ -270,3 +274,35 @@ def test_a_map_says_how_sure_it_is_of_each_size():
     assert known["s_3", "length"].std is None
     assert known["s_3", "length"].cells[2] == "-"
     assert [size.error for size in compare_maps(validate(data), validate(data)).sizes] == [0.0] * 5
+
+
+def test_a_sighting_is_right_within_a_decimetre_of_the_same_thing():
+    """A fitting of that kind by a port that is like it, an end that is as open; free pipe as far as
+    was seen, though something may begin a decimetre before that."""
+    tee, elbow = Tee(), Elbow(0.24)
+    truth = Sighting(tee, "run_start", distance=0.5)
+    for ahead, right in (
+        (replace(truth, distance=0.41), True),
+        (replace(truth, distance=0.59, turn=1.0), True),
+        (replace(truth, distance=0.39), False),
+        (replace(truth, distance=0.61), False),
+        (replace(truth, enter="run_end"), True),
+        (replace(truth, enter="branch"), False),
+        (replace(truth, fitting=elbow, enter="start"), False),
+        (Sighting(end="open", distance=0.5), False),
+        (Sighting(distance=0.59), True),
+        (Sighting(distance=0.61), False),
+    ):
+        assert is_right(ahead, truth) == right, ahead
+    for end, other in (("open", "closed"), ("closed", "open")):
+        there = Sighting(end=end, distance=0.5)
+        assert is_right(replace(there, distance=0.45), there)
+        assert not is_right(Sighting(end=other, distance=0.5), there)
+
+
+def test_a_robot_that_does_not_look_stays_on_its_leg():
+    """Whatever a look would tell it."""
+    pilot = FixedRoute(load_scenario("straight").route, 0.1, 0.4)
+    decision = pilot.on_look(Look(0.0, 0.2, None, None, np.eye(3)))
+    assert (decision.leg, decision.same_leg, list(decision.events)) == (pilot.leg, True, [])
+    assert np.isinf(pilot.looks_at)

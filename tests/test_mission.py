@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from omnitrack_sim import (
+    Network,
     NetworkError,
     Outcome,
     ScenarioError,
@@ -138,6 +139,28 @@ def test_avoided_fittings_are_not_entered():
         match=r"^goals.0: 'head' cannot be reached from 'foot' without cross_low, riser_2$",
     ):
         planner("tower", "foot", "head", avoid=("riser_2", "cross_low"))
+
+
+def test_a_later_goal_that_is_out_of_reach_is_told_with_the_one_before():
+    """From where the robot would have to go on to it."""
+    parts = [{"kind": "straight", "name": name, "length": 0.6} for name in ("a", "b")]
+    places = [{"fitting": "b", "position": [3.0, 0.0, 0.0]}]
+    network = Network(fittings=parts, places=places)
+    mission = Mission(start="a.start", goals=("a.end", "b.start", "a.start"))
+    plan = MissionPlanner(network, mission, Omnitrack(), 0.1)
+    with pytest.raises(NetworkError, match=r"^goals.1: 'b.start' cannot be reached from 'a.end'$"):
+        plan.plan()
+
+
+def test_turns_of_a_leg_are_those_into_and_out_of_branches():
+    """Of a part that is driven straight through, or not at all, there are none."""
+    plan = planner("fig14", "inlet", "side")
+    parts = range(len(plan.network.fittings))
+    turns = [edge for part in parts for edge in plan.turn_in(plan.first, part)]
+    assert sorted(turns) == sorted(edge for edge in plan.first.path if "branch" in edge[1:])
+    assert len(turns) > 0
+    through = [edge for edge in plan.first.path if set(edge[1:]) == {"run_start", "run_end"}]
+    assert through
 
 
 def test_back_to_the_start_goes_tail_first():

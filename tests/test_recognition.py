@@ -124,7 +124,7 @@ def test_a_fitting_is_known_by_its_picture(camera, name):
     sighting = recogniser(camera).single(taken[0])
     fitting, enter = FITTINGS[name]
     assert (sighting.kind, sighting.enter) == (name if fitting is None else fitting.kind, enter)
-    assert sighting.confidence > 0.95
+    assert 0.95 < sighting.confidence <= 1.0
     assert sighting.distance == pytest.approx(0.16, abs=0.02)
     assert sighting.aside == pytest.approx(ROLLED[:2], abs=BESIDE[camera][0])
     assert sighting.tilt == pytest.approx(ROLLED[2:], abs=BESIDE[camera][1])
@@ -151,7 +151,7 @@ def test_a_fitting_is_known_from_within_the_one_before_it(camera, name):
         return
     fitting, enter = FITTINGS[name]
     assert (sighting.kind, sighting.enter) == (fitting.kind, enter)
-    assert sighting.confidence > 0.95
+    assert 0.95 < sighting.confidence <= 1.0
     assert sighting.distance == pytest.approx(0.02, abs=0.015)
     assert turned_by(sighting, 1.9) < math.radians(10)
     assert sighting.tilt == pytest.approx(stand[2:4], abs=0.05)
@@ -183,7 +183,7 @@ def test_a_fitting_is_not_taken_for_straight_pipe_before_what_follows_it(name):
     sighting = recogniser("depth").single(taken[0])
     fitting, enter = FITTINGS[name]
     assert (sighting.kind, sighting.enter) == (fitting.kind, enter)
-    assert sighting.confidence > 0.95
+    assert 0.95 < sighting.confidence <= 1.0
     assert sighting.distance == pytest.approx(distance, abs=0.01)
 
 
@@ -200,7 +200,7 @@ def test_a_bend_right_behind_a_shallow_reducer_is_no_fault_of_the_reducer():
         numbers = np.array([[*ROLLED, distance, 0.0]])
         sighting = recogniser("depth").single(photographed("depth", (parts, ()), numbers)[0][0])
         assert sighting.kind == "reducer"
-        assert sighting.confidence > 0.95
+        assert 0.95 < sighting.confidence <= 1.0
         assert sighting.distance == pytest.approx(distance, abs=0.008)
         assert sighting.sizes["length"] == pytest.approx(0.1, abs=0.008)
         assert set(sighting.sizes) == {"end_diameter", "length"}
@@ -219,7 +219,7 @@ def test_a_shallow_reducer_before_a_bend_is_seen_out_of_a_fitting(distance):
     error = np.array([0.002, 0.001, -0.015, 0.015, 0.003, 0.0])
     sighting = recogniser("depth").single(taken, PosePrior(stand + error, RECOGNISER.camera_std))
     assert sighting.kind == "reducer"
-    assert sighting.confidence > 0.95
+    assert 0.95 < sighting.confidence <= 1.0
     assert sighting.distance == pytest.approx(distance, abs=0.02)
     assert sighting.sizes["end_diameter"] == pytest.approx(0.17, abs=0.003)
 
@@ -239,7 +239,7 @@ def test_a_shallow_reducer_right_before_a_wye_is_seen_by_a_lamp(distance, enter)
     taken = photographed("headlight", (parts, ()), np.array([[*ROLLED, distance, 0.0]]))[0]
     sighting = recogniser("headlight").single(taken[0])
     assert sighting.kind == "reducer"
-    assert sighting.confidence > 0.95
+    assert 0.95 < sighting.confidence <= 1.0
     assert sighting.distance == pytest.approx(distance, abs=0.01)
     assert sighting.sizes["end_diameter"] == pytest.approx(0.17, abs=0.003)
 
@@ -265,7 +265,7 @@ def test_a_joint_of_pipes_with_an_end_behind_it_is_no_reducer():
     numbers = np.array([[*ROLLED, 0.194, 0.0]])
     sighting = recogniser("headlight").single(photographed("headlight", (parts, ()), numbers)[0][0])
     assert sighting.kind == "straight"
-    assert sighting.confidence > 0.95
+    assert 0.95 < sighting.confidence <= 1.0
     assert sighting.distance > 0.19
 
 
