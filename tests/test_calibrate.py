@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from inspect import signature
 
 import numpy as np
@@ -26,6 +27,7 @@ from omnitrack_sim.calibration.doubt import (
 )
 from omnitrack_sim.calibration.fit import MODEL_ERROR
 from omnitrack_sim.calibration.model_error import ModelError, effects_of
+from omnitrack_sim.calibration.page import page_of
 from omnitrack_sim.calibration.parameters import Parameter, parameters_of
 from omnitrack_sim.calibration.units import unit_of
 from omnitrack_sim.cli import common
@@ -281,6 +283,25 @@ def test_what_is_known_before_follows_from_where_a_value_is_from():
     assert given.prior == pytest.approx(0.002 / math.sqrt(12))
     (narrow,) = parameters_of(["robot.scale"], [scenario])
     assert narrow.prior == pytest.approx((narrow.high - narrow.low) / math.sqrt(12))
+
+
+def test_the_page_of_a_fit_has_a_row_of_each_parameter(found):
+    """Its value with the standard deviation, what that is of the value, and what was before."""
+    page = page_of(found, "pull.toml")
+    table = page.partition("<tbody>")[2].partition("</tbody>")[0]
+    cells = re.findall("<td.*?>(.*?)</td>", table)
+    (value,), (std,) = found.values, found.std
+    assert cells[:4] == [FORCE, f"{value:.6g}", f"{std:.2g}", f"{100 * std / value:.2g} %"]
+    assert cells[4].startswith(f"{found.parameters[0].start:.6g} (")
+
+
+def test_angles_differ_by_the_shorter_way():
+    """Those that wrap; a tilt of a whole turn more is another one."""
+    channels, time = ot.Omnitrack().channels, np.linspace(0.0, 1.0, 9)
+    for name, apart in (("theta5", 0.2), ("tilt", 0.2 - 2 * math.pi)):
+        target = Target(0, name, channels[name], time, np.full(9, -3.1), 0.0)
+        residual = target.residual(np.full(9, -3.1 - 0.2 + 2 * math.pi))
+        assert residual == pytest.approx(np.full(9, apart))
 
 
 def test_what_no_figure_would_show_is_no_contradiction():

@@ -105,6 +105,24 @@ def test_five_pipes_of_a_node_become_a_cross_and_a_tee():
     assert "joins 5 pipes: pipe hub-n2" in note.problem
 
 
+@pytest.mark.parametrize("count", [5, 6, 8])
+@pytest.mark.parametrize("away", [True, False])
+def test_crowds_of_pipes_are_split_until_four_are_left(count, away):
+    """Whichever way pipes were drawn: they end at their nodes, and those that leave a node leave
+    the pipe that they are most nearly square to."""
+    pipes = [f"hub-n{k}" if away else f"n{k}-hub" for k in range(count)]
+    bores = {name: 0.1 + 0.01 * k for k, name in enumerate(pipes)}
+    drawn = drawing(around(count), pipes, bores)
+    drawn.split_crowds()
+    assert max(map(len, drawn.at_nodes().values())) == 4
+    assert len(drawn.at_nodes()["hub"]) == 4
+    for leg in drawn.legs.values():
+        assert [drawn.nodes[node] for node in leg.ends] == pytest.approx(leg.points[[0, -1]])
+    taps = [node for node in drawn.nodes if node not in around(count)]
+    assert len(taps) == count - 4
+    assert all(length(drawn.nodes[tap]) == pytest.approx(8 * 0.17, abs=1.0) for tap in taps)
+
+
 def test_a_town_of_rings_closes():
     """Streets in a grid, on a slope and bent: every ring closes, and lengths are kept."""
     rng = np.random.default_rng(4)

@@ -106,6 +106,21 @@ def test_a_run_is_saved_and_read_back_with_its_estimates(turn, tmp_path):
         assert np.array_equal(again.trajectory.channels[name], turn.trajectory.channels[name])
 
 
+def test_a_look_back_shows_what_is_behind():
+    """A tee ahead, and where the robot came from the open end of its pipe."""
+    near = onboard(start__distance=0.2, sensing__start__theta5_known=True)
+    simulation = ot.Simulation([near])
+    for _ in range(3):
+        simulation.step()
+    look = simulation.senses.look(0, back=True)
+    assert look.ahead is not None
+    assert look.behind is not None
+    assert look.ahead.kind[0] == "tee"
+    assert look.behind.end == "open"
+    assert look.behind.distance == pytest.approx(simulation.location.distance[0], abs=0.02)
+    assert simulation.senses.look(0, back=False).behind is None
+
+
 def test_nothing_of_the_truth_reaches_the_controller():
     """With the truth poisoned while it decides, the controller gives the same commands."""
     simulation, clean = (ot.Simulation([onboard()]) for _ in range(2))

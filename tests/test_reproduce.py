@@ -56,6 +56,20 @@ def runs(quick):
     return run_all({name: quick[name] for name in names})
 
 
+def test_runs_of_all_lists_are_told_as_one(monkeypatch):
+    """How many there are at once, then what the batch tells; each list gets its own back."""
+    told = []
+
+    def run(flat, progress, **_):
+        progress(0.5, "half")
+        return [f"run of {one}" for one in flat]
+
+    monkeypatch.setattr(experiments, "run_batch", run)
+    found = run_all({"a": ["x", "y"], "b": [], "c": ["z"]}, lambda *given: told.append(given))
+    assert told == [(0.0, "3 runs"), (0.5, "half")]
+    assert found == {"a": ["run of x", "run of y"], "b": [], "c": ["run of z"]}
+
+
 def test_the_quick_form_is_a_part_of_the_full_one(monkeypatch):
     """The same lists, and every run of the quick form is one of the full form, which has 60
     orientations for both controllers and 200 random trials."""

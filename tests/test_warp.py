@@ -68,6 +68,14 @@ def pair(x, y):
 
 
 @compiled
+def either(x, y):
+    """One of two tuples, with whole and real numbers in one place."""
+    if x < 0.0:
+        return 1, y
+    return x, 2
+
+
+@compiled
 def tuples(x, y, out):
     """Tuples taken apart, put together and exchanged."""
     both, product = pair(x, y)
@@ -76,6 +84,8 @@ def tuples(x, y, out):
     whole = (*both, product)
     out[0] = out[1] = whole[0] - whole[2]
     first, second = (a, b) if x < y else (whole[2], 1.0)
+    m, n = either(x, y)
+    out[2] = m - 3.0 * n
     front = whole[:2]
     for k in range(3):
         first += whole[k] * k - front[1]
