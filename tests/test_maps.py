@@ -306,3 +306,5 @@ def test_a_robot_that_does_not_look_stays_on_its_leg():
     decision = pilot.on_look(Look(0.0, 0.2, None, None, np.eye(3)))
     assert (decision.leg, decision.same_leg, list(decision.events)) == (pilot.leg, True, [])
     assert np.isinf(pilot.looks_at)
+    leg = pilot.leg
+    assert (leg.gear, leg.begin, leg.end, leg.goal, leg.note) == (1, 0.1, 0.4, 0, "")

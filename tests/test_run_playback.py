@@ -44,6 +44,17 @@ def test_the_path_is_drawn_through_points_of_equal_travel(playback):
     assert apart.max() < POINTS_APART + 0.0021
 
 
+def test_tracks_travel_by_the_integral_of_their_speeds(run):
+    """Whatever the speeds: one that grows evenly gives a parabola, to the last sample."""
+    record = run.trajectory
+    name = run.scenario.robot.display.track_speed
+    speed = np.outer(record.time, [0.1, -0.2, 0.3])
+    changed = replace(run, trajectory=replace(record, channels=record.channels | {name: speed}))
+    travel = RunPlayback(changed).track_travel
+    squares = (record.time**2 - record.time[0] ** 2) / 2
+    assert travel == pytest.approx(np.outer(squares, [0.1, -0.2, 0.3]))
+
+
 def test_all_of_a_robot_but_its_springs_throws_a_shadow(playback):
     """Light between their coils would be a row of dots."""
     names = {geom: playback.model.geom(geom).name for geom in playback.visible_geoms}
