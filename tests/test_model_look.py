@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import omnitrack_sim as ot
 from omnitrack_sim.base import naming
 from omnitrack_sim.cli import app
+from omnitrack_sim.robots import model_look
 from omnitrack_sim.robots.model_look import look_at
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.model_template import model_scenario
@@ -222,6 +223,18 @@ def test_physics_that_diverges_before_the_start_ends_the_run():
     assert ot.run(scenario).outcome is ot.Outcome.TIMED_OUT
     coarse = ot.override(scenario, {"physics.timestep": 0.002})
     assert ot.run(coarse).outcome is ot.Outcome.DIVERGED
+
+
+def test_a_robot_that_never_comes_to_rest_is_looked_at_as_its_file_has_it(monkeypatch):
+    """With the time step of its file: no step is known to be better."""
+    Path("still.xml").write_text(
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='0.03'/></body></worldbody>"
+        "</mujoco>"
+    )
+    known = look_at("still.xml")
+    monkeypatch.setattr(model_look, "_settled", lambda *_: None)
+    assert look_at("still.xml").robot == known.robot
+    assert look_at("still.xml").timestep == known.timestep
 
 
 def test_a_coarser_time_step_than_the_files_own_is_told_of():

@@ -103,6 +103,17 @@ def test_the_distance_is_that_of_the_nearest_place(name):
 
 
 @pytest.mark.parametrize("name", SECTIONS)
+def test_the_widest_place_of_a_section_is_its_largest_radius(name):
+    """Free places are found up to it, and none beyond, all round."""
+    fitting = pipe(name)
+    angle = np.linspace(-np.pi, np.pi, 4000)
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    for part, held in ((1 - 1e-4, True), (1 + 1e-6, False)):
+        points = [0.0, 0.0, 0.15] + part * fitting.max_radius * circle
+        assert (fitting.signed_distance(points)[0] > 0).any() == held
+
+
+@pytest.mark.parametrize("name", SECTIONS)
 def test_rays_and_pictures_are_of_the_section(name):
     """Rays of a camera end on the wall, pass through none, tell its normal and, squarely lit, the
     lamp's angle; in pipes joined to each other as in one."""
