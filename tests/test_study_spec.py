@@ -11,7 +11,7 @@ from omnitrack_sim import StudyError, load_study, override, shipped_files
 from omnitrack_sim.trials import study_file
 from omnitrack_sim.trials.measure import Measure
 from omnitrack_sim.trials.search import Candidate
-from omnitrack_sim.trials.search_plan import Objective, Variable
+from omnitrack_sim.trials.search_plan import Objective, SearchPlan, Variable
 from omnitrack_sim.trials.study import Study, batches_of
 from omnitrack_sim.trials.study_file import resolve
 
@@ -165,6 +165,27 @@ def test_all_faults_in_the_light_of_the_trials_are_told_at_once():
 def test_single_faults(changes, where, told):
     """Faults of trials, weights and numbers."""
     assert told in _faults(**changes)[where]
+
+
+@pytest.mark.parametrize(("of", "most"), [("variables", 100), ("objectives", 10)])
+def test_a_study_has_as_many_variables_and_objectives_as_a_search_can_sort(of, most):
+    """One more is a fault."""
+    for count in (most, most + 1):
+        counts = {"variables": 1, "objectives": 1, of: count}
+        given = {
+            "variables": [
+                {"path": f"a.x{i}", "low": 0.0, "high": 1.0, "start": 0.5}
+                for i in range(counts["variables"])
+            ],
+            "objectives": [
+                {"metric": f"m{i}", "goal": "minimise"} for i in range(counts["objectives"])
+            ],
+        }
+        if count == most:
+            assert len(getattr(SearchPlan.model_validate(given), of)) == most
+        else:
+            with pytest.raises(ValueError, match=of):
+                SearchPlan.model_validate(given)
 
 
 def test_too_many_bases_are_refused(monkeypatch):
