@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tomllib
 from inspect import signature
 
 import numpy as np
@@ -293,6 +294,21 @@ def test_the_page_of_a_fit_has_a_row_of_each_parameter(found):
     (value,), (std,) = found.values, found.std
     assert cells[:4] == [FORCE, f"{value:.6g}", f"{std:.2g}", f"{100 * std / value:.2g} %"]
     assert cells[4].startswith(f"{found.parameters[0].start:.6g} (")
+
+
+def test_numbers_of_a_fits_file_have_nine_digits(found):
+    """All of them: they read back as they are, and no more is known."""
+
+    def numbers(data):
+        if isinstance(data, dict | list):
+            for each in data.values() if isinstance(data, dict) else data:
+                yield from numbers(each)
+        elif isinstance(data, float):
+            yield data
+
+    told = list(numbers(tomllib.loads(found.to_toml())))
+    assert len(told) > 10
+    assert told == [float(f"{value:.9g}") for value in told]
 
 
 def test_angles_differ_by_the_shorter_way():

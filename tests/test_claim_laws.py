@@ -49,6 +49,19 @@ def run(distance=0.0, success=True, robot=None, **given) -> SimpleNamespace:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(("inner", "counted"), [(2, 2), (1, 1), (0, 0), (None, 0)])
+def test_the_load_of_a_turn_is_that_of_its_inner_module(inner, counted, monkeypatch):
+    """Over what the motor's maker recommends; of a robot that does not turn, of the first one."""
+    torque = np.tile([0.1, -0.2, 0.3], (len(TIME), 1))
+    result = run(robot=Omnitrack(), motor_torque=torque)
+    result.metrics["stall_time_s"] = np.array([0.0, 0.4, 0.0])
+    monkeypatch.setattr(driving, "inner_module", lambda _: inner)
+    load, stalls = driving._inner_load(result)
+    recommended = Omnitrack().motor.recommended_torque
+    assert load == pytest.approx((0.1, 0.2, 0.3)[counted] / recommended)
+    assert stalls == (counted == 1)
+
+
 @pytest.fixture
 def holds(monkeypatch):
     """Return whether a claim holds on such runs, one list of them a call or as many as asked."""

@@ -25,6 +25,7 @@ from omnitrack_sim.pipes import (
     Tee,
     Wye,
 )
+from omnitrack_sim.pipes.native import SIGNATURES, c_function, pointers
 from omnitrack_sim.walls.deepest import _across_ellipsoid, is_in_ball
 from omnitrack_sim.walls.rims import ELLIPSOID
 
@@ -351,6 +352,27 @@ def test_no_point_of_a_body_is_deeper_than_its_deepest_contact(name, shape, seed
     lot = contact_lots.Lot(contact_lots.FITTINGS[name], shape)
     errors = lot.errors(250, np.random.default_rng([seed]))
     assert errors.max() < 2e-5
+
+
+@pytest.mark.parametrize("name", contact_lots.FITTINGS)
+def test_a_ray_meets_no_wall_where_it_is_clear(name):
+    """Along lines in any direction, along the axes, and along the plane that halves a mitre; up to
+    the port planes."""
+    fitting, rng = contact_lots.FITTINGS[name], np.random.default_rng(1)
+    sizes = np.array(fitting.wall_sizes, float)
+    clear = c_function(fitting.wall.clear, SIGNATURES["clear"]).ctypes
+    points = rng.uniform(*fitting.bounds, (300, 3))
+    points = points[fitting.signed_distance(points)[0] > 1e-4]
+    special = [*np.eye(3), *-np.eye(3)]
+    if isinstance(fitting, Mitre):
+        special += [side * np.array([sizes[4], 0.0, -sizes[3]]) for side in (1, -1)]
+    for point in points:
+        for way in (*unit(rng.normal(size=(2, 3))), *special):
+            far = clear(*pointers(sizes), *point.tolist(), *way.tolist())
+            assert far >= 0.0
+            places = point + np.linspace(0.0, min(far, 2.0), 40)[:, None] * way
+            inside = fitting.extent(places) > 0.0
+            assert (fitting.signed_distance(places)[0][inside] > -1e-9).all()
 
 
 def test_a_point_in_a_ball_of_the_bore_is_as_far_from_its_wall_as_from_the_wall_at_least():

@@ -15,6 +15,7 @@ import omnitrack_sim as ot
 from omnitrack_sim.base import naming
 from omnitrack_sim.cli import app
 from omnitrack_sim.robots import model_look
+from omnitrack_sim.robots.mjcf import Servo
 from omnitrack_sim.robots.model_look import look_at
 from omnitrack_sim.scenario import validate
 from omnitrack_sim.sim.model_template import model_scenario
@@ -223,6 +224,26 @@ def test_physics_that_diverges_before_the_start_ends_the_run():
     assert ot.run(scenario).outcome is ot.Outcome.TIMED_OUT
     coarse = ot.override(scenario, {"physics.timestep": 0.002})
     assert ot.run(coarse).outcome is ot.Outcome.DIVERGED
+
+
+@pytest.mark.parametrize(
+    ("names", "grouped"),
+    [
+        (("axle_1", "axle_2"), ("axle_*",)),
+        (("axle_1", "axle_2", "axle_3"), ("axle_*",)),
+        (("left_axle", "right_axle"), ("*t_axle",)),
+        (("axle_1",), ("axle_1",)),
+        (("axle_1", "axle_2", "axle_tail!"), ("axle_1", "axle_2", "axle_tail!")),
+    ],
+)
+def test_servos_that_are_alike_are_one_where_a_pattern_fits_them_alone(names, grouped):
+    """The last one, marked, is another servo whose joint the pattern would fit as well."""
+    servos = tuple(
+        Servo(joints=name.rstrip("!"), kind="velocity", gain=2.0 if "!" in name else 1.0)
+        for name in names
+    )
+    found = [servo.joints for servo in model_look._grouped(servos)]
+    assert found == [name.rstrip("!") for name in grouped]
 
 
 def test_a_robot_that_never_comes_to_rest_is_looked_at_as_its_file_has_it(monkeypatch):

@@ -22,6 +22,7 @@ from omnitrack_sim.robots.omnitrack.control.alignment import held_belt_sign
 from omnitrack_sim.robots.omnitrack.drive import SpeedLoop, drive_of
 from omnitrack_sim.robots.omnitrack.policy.controller import Decisions
 from omnitrack_sim.robots.omnitrack.policy.features import TRUTH
+from omnitrack_sim.warp import starts
 from omnitrack_sim.warp.episodes import course_of
 from omnitrack_sim.warp.omnitrack import driving
 from omnitrack_sim.warp.omnitrack import env as driving_env
@@ -128,6 +129,22 @@ def test_networks_that_stand_side_by_side_are_driven_as_alone():
         kinds = [[one.network.parts[p.index].fitting for p in one.passages] for one in (route, own)]
         assert kinds[0] == kinds[1]
     assert len({route.passages[0].index for route in drawn}) == 3
+
+
+@pytest.mark.parametrize("at_once", [2, 5])
+def test_as_many_robots_are_seated_as_are_asked_for(at_once, monkeypatch):
+    """However many at once: each where its episode begins, by its own draws."""
+    near = {"start.distance": (0.15, 0.3)}
+    sampler = EpisodeSampler(EnvOptions(scenario="straight", ranges=near))
+    monkeypatch.setattr(starts, "SEATINGS", at_once)
+    found = starts.starts_of(sampler, 5, 3, 1, 1, lambda _: {})
+    rng = np.random.default_rng(3)
+    drawn = [sampler.draw(rng).start.distance for _ in range(5)]
+    place = found.arrays["qpos"][:, :3] + found.origins
+    assert len(place) == len(found.arrays["state"]) == 5
+    away = np.linalg.norm(place - place[0], axis=1)
+    assert away == pytest.approx(np.abs(np.array(drawn) - drawn[0]), abs=2e-3)
+    assert np.ptp(drawn) > 0.01
 
 
 def test_commands_are_those_of_the_processor():
