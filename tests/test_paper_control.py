@@ -1,6 +1,7 @@
 """The paper's controller, the baseline without modulation, and the retry of the default one."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -68,8 +69,8 @@ def test_equal_speeds_are_equal():
     assert speeds.tolist() == [0.1, 0.1, 0.1]
 
 
-def test_two_modules_are_inner_in_the_worst_orientation():
-    """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
+def _alone():
+    """A controller of one robot before a tee, and the robot's location."""
     scenario = override(load_scenario("tee_turn"), {"control.kind": "paper"})
     routes, route = RouteMap([scenario.route]), np.zeros(1, np.intp)
     settings, _ = settings_of([scenario])
@@ -83,6 +84,26 @@ def test_two_modules_are_inner_in_the_worst_orientation():
             routes, scenario.robot, settings, parameters, location, Command(none, none), 0.01, none
         )
     )
+    return controller, location
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [((-1, -1), (-1, -1)), ((0, 2), (3, 5)), ((4, -1), (7, -1))]
+)
+def test_on_a_route_that_is_extended_turns_keep_their_passages(before, after):
+    """Whose numbers are larger now; -1, which stands for none, stays."""
+    controller, location = _alone()
+    (controller.turning[0], controller.turned[0]), aligned = before, controller.aligner.aligned[0]
+    legs = SimpleNamespace(changes=lambda _: [], grown=False, extended=[(0, 3)])
+    controller._legs = legs
+    controller._follow_legs(SimpleNamespace(location=location))
+    assert (controller.turning[0], controller.turned[0]) == after
+    assert controller.aligner.aligned[0] == aligned + 3
+
+
+def test_two_modules_are_inner_in_the_worst_orientation():
+    """At theta5 = 60 degrees the modules at 60 and -60 from the turn go backward."""
+    controller, location = _alone()
     theta5 = np.radians(60.0)
     location.theta5 = np.array([theta5])
     speeds = controller._speeds(location)

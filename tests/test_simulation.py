@@ -241,6 +241,17 @@ def test_looks_of_senses_without_error_tell_the_truth_for_sure() -> None:
     assert simulation.senses.look(0, False).behind is None
 
 
+def test_rotary_motors_of_each_robot_give_as_much_both_ways() -> None:
+    """As its scenario says, whatever the others of the batch have."""
+    base = ot.load_scenario("straight")
+    torques = (0.02, 0.05)
+    simulation = ot.Simulation([ot.override(base, {"robot.roll_torque": t}) for t in torques])
+    simulation.step()
+    given = simulation.plant._force_range[:, simulation.readings.at.roll_motors]
+    for own, torque in zip(given, torques, strict=True):
+        assert own == pytest.approx(np.tile([-torque, torque], (3, 1)))
+
+
 def test_the_engine_s_own_objects_are_within_reach() -> None:
     """Model and data of a simulation are MuJoCo's, and those of the scenario's own model."""
     scenario = ot.load_scenario("straight")
