@@ -11,8 +11,12 @@ from matplotlib.figure import Figure
 from own_crawler import HULL, MOTORS, WHEELS, crawl, crawler_xml
 
 import omnitrack_sim as ot
+from omnitrack_sim.base.errors import InputError
+from omnitrack_sim.base.reading import checked
 from omnitrack_sim.base.rotations import matrix_from_quaternion
 from omnitrack_sim.pipes.route_map import RouteMap
+from omnitrack_sim.robots.presser import Presser
+from omnitrack_sim.robots.recorded import Recorded, values_of
 from omnitrack_sim.show.film.overlay import _shortened, font
 from omnitrack_sim.show.film.painter import DAYLIGHT, GROUND
 from omnitrack_sim.show.film.render import stage_of
@@ -390,3 +394,12 @@ def test_lines_of_many_parts_differ_in_colour_and_dashes():
         assert len(set(styles.values())) == kinds
         own = [styles.get(colour) for colour in legends["actuator"].colours if colour]
         assert not kinds or all(a != b for a, b in pairwise(own))
+
+
+@pytest.mark.parametrize("robot", [ot.Omnitrack(), Presser()], ids=lambda robot: robot.kind)
+def test_a_saved_robot_is_shown_by_the_choices_that_its_run_kept(robot):
+    """Camera, figures and pages; its model is not asked for them."""
+    given = {"table": "{}", "file": "", "values": values_of(robot, robot.channels)}
+    kept = checked(Recorded, given, InputError).display
+    for name in ("camera", "plots", "headline", "columns", "summary"):
+        assert getattr(kept, name) == getattr(robot.display, name), name
