@@ -408,6 +408,52 @@ def test_bounds_of_ellipsoids_are_reached_but_for_the_square_of_a_cell():
             assert -1e-12 < slack < chord**2 * sizes.max() * far
 
 
+def test_a_brick_touches_a_dent_alike_as_a_box_and_as_a_mesh():
+    """Which bulges into the bore: often in the midst of a face, which a mesh has of triangles."""
+    half = np.array([0.04, 0.02, 0.01])
+    dent = {"kind": "dent", "at": 0.2, "depth": 0.015, "length": 0.08, "width": 0.06}
+    pipe = Assembly((Part("pipe", Straight(0.4, relief=(dent,)), Pose()),))
+    runs = []
+    for kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_MESH):
+        spec = mujoco.MjSpec()
+        corners = np.array(list(itertools.product((-1, 1), repeat=3))) * half
+        spec.add_mesh(name="brick", uservert=corners.ravel())
+        ot.add_pipes(spec, pipe)
+        body = spec.worldbody.add_body()
+        body.add_freejoint()
+        own = {"size": half} if kind == mujoco.mjtGeom.mjGEOM_BOX else {"meshname": "brick"}
+        body.add_geom(type=kind, margin=0.004, **own)
+        model = spec.compile()
+        runs.append((model, mujoco.MjData(model)))
+
+    def deepest(model, data):
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        i = np.argmin(data.contact.dist) if data.ncon else -1
+        return (data.contact.dist[i], data.contact.pos[i]) if data.ncon else (0.004, None)
+
+    rng, inside = np.random.default_rng(3), 0
+    for _ in range(40):
+        place = np.array([0.03, 0.0, 0.2]) + rng.uniform(-0.012, 0.012, 3)
+        _, (away,) = pipe.parts[0].fitting.signed_distance(place[None])
+        frame = frame_along(away + rng.normal(0.0, 0.1, 3), rng.uniform(0.0, 6.0))
+        found = []
+        for model, data in runs:
+            mujoco.mju_mat2Quat(data.qpos[3:], frame.ravel())
+            for _ in range(40 if not found else 1):  # towards the wall, until the box touches it
+                data.qpos[:3] = place
+                depth, point = deepest(model, data)
+                if abs(depth) < 1e-4 or found:
+                    break
+                place = place - away * np.clip(depth, -0.003, 0.003)
+            found.append((depth, point))
+        (depth, point), (other, _) = found
+        assert abs(depth) < 1e-3
+        assert other == pytest.approx(depth, abs=1e-6)
+        inside += (np.abs((point - place) @ frame) < half - 0.002).sum() == 2
+    assert inside > 10
+
+
 def edge_contacts(model, data, shape):
     """Least distances of a body from the circle of radius 80 mm at z = 0.4 m, where they are least:
     (depth, normal, place) by MuJoCo's own distance of geoms."""
