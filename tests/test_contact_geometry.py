@@ -170,6 +170,9 @@ def test_case_puts_the_figures_together():
         == told["definitions"]["ellipse"]["sector_deg"]
     )
     assert told["real_geometry"]["sector_deg"] == pytest.approx(np.degrees(case.real_sector))
+    nominal, real = case.singular_range
+    assert nominal == pytest.approx(np.degrees(case.sector))
+    assert real == pytest.approx((120.0 - np.degrees(case.real_sector)) / 2)
     assert told["real_geometry"]["keeps_contact_rate"] == pytest.approx(0.1955, abs=0.01)
     assert np.degrees(TurnCase(modules=4).orientations(5)) == pytest.approx([0, 22.5, 45, 67.5, 90])
     with pytest.raises(InputError, match="modules"):

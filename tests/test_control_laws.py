@@ -779,6 +779,23 @@ def test_two_elbows_close_together_are_prepared_for_at_once(turn_deg: float) -> 
     assert (margin < asked).all()
 
 
+@pytest.mark.parametrize(("length", "together"), [(0.15, True), (0.6, False)])
+def test_elbows_with_room_to_stand_between_are_prepared_for_one_by_one(
+    length: float, together: bool
+) -> None:
+    """The first as if there were no other; with less room the range is narrower."""
+    pipes = [WAYS["elbow"], {"kind": "straight", "length": length}, WAYS["elbow"]]
+    pipes[2] = WAYS["elbow"] | {"turn_deg": 130.0}
+    two, one = (
+        Aligner(Bench(scenario_of(*way, **{"control.align": True})).setup, "alignment").ranges
+        for way in (pipes, ["elbow"])
+    )
+    first = two.half_width[:, 0, 0, 0], one.half_width[:, 0, 0, 0]
+    assert (first[0] < first[1]).all() if together else (first[0] == first[1]).all()
+    if not together:
+        assert (two.best[:, 0, 0, 0] == one.best[:, 0, 0, 0]).all()
+
+
 @pytest.mark.parametrize(("name", "backs"), [("tee_turn", True), ("merge", False)])
 def test_a_robot_that_has_gone_past_a_branch_backs_off(name: str, backs: bool) -> None:
     """Beside the centreline by more than ``beside`` radii, ``weak_beside`` with weak springs, it

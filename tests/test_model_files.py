@@ -327,6 +327,17 @@ def test_a_urdf_is_a_robot():
         assert robot.spec.compile().body("base").mass == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("inertia", ["1e-5", "0"])
+def test_a_link_without_mass_weighs_what_its_geoms_do(inertia):
+    """Of a URDF, as of water, whatever inertia it states; that is told."""
+    text = URDF.format(ixx="1e-3").replace('<mass value="0.1"/>', '<mass value="0"/>')
+    robot = robot_model(written(text.replace("1e-5", inertia), "cart.urdf"))
+    assert robot.changes[0] == "inertias that no body has were changed, of rim"
+    model, mass = robot.spec.compile(), 1000 * 4 / 3 * np.pi * 0.02**3
+    assert model.body("rim").mass == pytest.approx(mass)
+    assert model.body("rim").inertia == pytest.approx(np.full(3, 0.4 * mass * 0.02**2))
+
+
 def level(height):
     """A level pipe of 160 mm whose axis lies at a height, m."""
     return ot.Network(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -192,6 +193,21 @@ def test_robots_that_begin_at_different_times_are_commanded_as_alone():
             assert together[robot].tolist() == command.belt_speed[0].tolist()
             alone.step(command)
         assert np.ptp([speed[robot, 0] for speed in told]) > 1e-3  # it stands to align
+
+
+def test_only_a_robot_that_is_sent_on_in_the_other_gear_is_mirrored():
+    """Modules and actions change sides, backward as before is forward; the other stays."""
+    sim = ot.Simulation([_tee(), _tee()], recording=False)
+    decisions, rng = Decisions(sim.setup, features_of("onboard"), DIRECT), np.random.default_rng(1)
+    decisions.action, decisions.roll = rng.uniform(-1, 1, (2, 4)), rng.uniform(-1, 1, (2, 3))
+    action, roll = decisions.action.copy(), decisions.roll.copy()
+    decisions._legs = SimpleNamespace(changes=lambda _: [(0, True)])
+    decisions._follow_legs(sim.observation)
+    swapped = [0, 2, 1]
+    assert decisions.roll[0].tolist() == (-roll[0, swapped]).tolist()
+    assert decisions.action[0].tolist() == (-action[0, [*swapped, 3]]).tolist()
+    assert decisions.roll[1].tolist() == roll[1].tolist()
+    assert decisions.action[1].tolist() == action[1].tolist()
 
 
 def test_bad_actions_are_refused():

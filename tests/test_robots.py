@@ -27,6 +27,7 @@ from omnitrack_sim.record.events import Overloaded
 from omnitrack_sim.robots.display import RobotDisplay
 from omnitrack_sim.robots.kinds import ROBOTS, robot_class
 from omnitrack_sim.robots.presser import Presser
+from omnitrack_sim.robots.scene import is_similar
 from omnitrack_sim.scenario import kinds_first, validate
 from omnitrack_sim.show.run_playback import RunPlayback
 
@@ -580,6 +581,49 @@ def test_rooms_know_no_robot_by_name(room):
         ]
         known = [name for name in names if name.startswith(folders)]
         assert not known or path.relative_to(package).as_posix() in alone, (path, known)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in ROBOTS if kind != "mjcf"])
+def test_channels_are_shown_by_names_and_units(kind):
+    """A title begins with a capital letter, a unit is one of few."""
+    units = {"1", "N", "N m", "code", "deg", "deg/s", "m", "m/s", "mm", "mm/s", "rad", "rad/s", "s"}
+    for name, channel in robot_class(kind)().channels.items():
+        assert channel.display.title[:1].isupper(), name
+        assert channel.display.unit in units | {channel.unit}, name
+
+
+@pytest.mark.parametrize("kind", ["omnitrack", "presser"])
+def test_a_robot_is_written_with_its_tether_and_without_where_it_has_none(kind):
+    """And with its kind, but for the one that is left out; it reads back as it was."""
+    for tether in (None, ot.Tether(weight=2.0)):
+        robot = robot_class(kind)(tether=tether)
+        data = robot.model_dump(mode="json")
+        assert ("tether" in data) == (tether is not None)
+        assert data.get("kind") == (None if kind == "omnitrack" else kind)
+        assert robot_class(kind)(**{k: v for k, v in data.items() if k != "kind"}) == robot
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 1.0, 3.0])
+def test_robots_are_similar_where_all_sizes_and_masses_are_scaled(factor, tmp_path):
+    """By the bore's ratio and its cube; each may be off by a hundredth, also the lightest part."""
+
+    def robot(scale: float, **off: float) -> ot.Mjcf:
+        size, at, mass = (off.get(key, 1.0) for key in ("size", "at", "mass"))
+        file = tmp_path / f"{scale}{off}.xml"
+        file.write_text(
+            "<mujoco><compiler boundmass='0' boundinertia='0'/><worldbody><body name='hull'>"
+            f"<freejoint/><geom size='{0.04 * scale}' mass='{scale**3}'/>"
+            f"<body pos='{0.05 * scale * at} 0 0'><joint/>"
+            f"<geom size='{0.01 * scale * size}' mass='{0.01 * scale**3 * mass}'/>"
+            "</body></body></worldbody></mujoco>"
+        )
+        return ot.Mjcf(file=str(file), bore=0.1 * scale)
+
+    one = robot(1.0)
+    assert is_similar(one, robot(factor))
+    assert is_similar(one, robot(factor, size=1.005, at=0.995, mass=1.005))
+    for what in ("size", "at", "mass"):
+        assert not is_similar(one, robot(factor, **{what: 1.1}))
 
 
 def test_shipped_robots_have_pages_and_names():

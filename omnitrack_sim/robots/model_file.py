@@ -241,9 +241,10 @@ def _mesh_path(file: str, folder: Path) -> str:
 
 
 def _is_possible(body: mujoco.MjsBody) -> bool:
-    """Return whether the principal moments of inertia of a body are those of some mass."""
+    """Return whether a body has a mass, and the principal moments of inertia of some mass."""
     a, b, c = _moments(body)
-    return not body.explicitinertial or bool(a > LEAST_INERTIA / 2 and a + b >= c)
+    is_mass = body.mass > 0 and a > LEAST_INERTIA / 2 and a + b >= c
+    return not body.explicitinertial or bool(is_mass)
 
 
 def _moments(body: mujoco.MjsBody) -> Array:
@@ -255,8 +256,9 @@ def _moments(body: mujoco.MjsBody) -> Array:
 def _mend_inertia(body: mujoco.MjsBody) -> None:
     """Take a body without extent as a small one, and one without mass for what its geoms are."""
     if body.mass <= 0:
+        # MuJoCo asks the geoms where there is no place of an inertia.
         body.explicitinertial = False
-        body.fullinertia = np.full(6, np.nan)
+        body.ipos, body.fullinertia = np.full(3, np.nan), np.full(6, np.nan)
     elif _moments(body)[0] <= LEAST_INERTIA / 2:
         own = max(body.mass * POINT_RADIUS**2, LEAST_INERTIA)
         body.fullinertia = [own, own, own, 0.0, 0.0, 0.0]
