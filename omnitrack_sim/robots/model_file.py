@@ -242,9 +242,10 @@ def _mesh_path(file: str, folder: Path) -> str:
 
 def _is_possible(body: mujoco.MjsBody) -> bool:
     """Return whether a body has a mass, and the principal moments of inertia of some mass."""
+    if not body.explicitinertial:
+        return True
     a, b, c = _moments(body)
-    is_mass = body.mass > 0 and a > LEAST_INERTIA / 2 and a + b >= c
-    return not body.explicitinertial or bool(is_mass)
+    return bool(body.mass > 0 and a > LEAST_INERTIA / 2 and a + b >= c)
 
 
 def _moments(body: mujoco.MjsBody) -> Array:
