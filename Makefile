@@ -38,7 +38,7 @@ test: $(READY) egl
 	$(PYTEST) -m "not long"
 
 test-long: $(LONG) egl screen
-	$(PYTEST) -m long
+	$(PYTEST) -m "long or device"
 
 # Faults by lot, tried with the tests of `make test`: SEED=2 COUNT=100 ROOM=senses
 SEED ?= 1

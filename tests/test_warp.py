@@ -29,6 +29,7 @@ from omnitrack_sim.walls.record import LONG, RECORD_SIZE, SIZES
 from omnitrack_sim.warp.contacts import intrinsics
 from omnitrack_sim.warp.translation import REAL, REALS, Translation, TranslationError
 
+pytestmark = pytest.mark.device
 wp.config.quiet = True
 BLOCKS = re.findall(r"```python\n(.*?)```", page("gpu"), re.DOTALL)
 NEAR, DEEP = 1e-5, 2e-6

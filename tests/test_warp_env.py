@@ -28,6 +28,7 @@ from omnitrack_sim.warp.omnitrack import driving
 from omnitrack_sim.warp.omnitrack import env as driving_env
 from omnitrack_sim.warp.starts import NETWORKS, SideBySide
 
+pytestmark = pytest.mark.device
 wp.config.quiet = True
 SHORT = {"run.goal_distance": 0.13, "run.time_limit": 0.5}
 """Of a straight pipe: four decisions to the goal at full speed, ten to the end of the time."""

@@ -13,6 +13,7 @@ import omnitrack_sim.warp
 from omnitrack_sim.base.errors import InputError
 from omnitrack_sim.warp import plant
 
+pytestmark = pytest.mark.device
 wp.config.quiet = True
 STEPS = 100
 """Control steps of an open-loop run, a second."""

@@ -13,6 +13,7 @@ import warp_training
 
 import omnitrack_sim as ot
 
+pytestmark = pytest.mark.device
 wp.config.quiet = True
 
 
