@@ -375,7 +375,7 @@ def test_a_ray_meets_no_wall_where_it_is_clear(name):
             assert (fitting.signed_distance(places)[0][inside] > -1e-9).all()
 
 
-def test_a_point_in_a_ball_of_the_bore_is_as_far_from_its_wall_as_from_the_wall_at_least():
+def test_a_point_in_a_ball_of_the_bore_is_as_far_from_the_wall_as_from_the_balls_surface():
     """So a point that is told to be farther than a target from a wall is."""
     rng, middle, away = np.random.default_rng(2), np.array([0.02, -0.01, 0.3]), 0.05
     points = middle + rng.uniform(-0.06, 0.06, (2000, 3))

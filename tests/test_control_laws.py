@@ -784,8 +784,8 @@ def test_elbows_with_room_to_stand_between_are_prepared_for_one_by_one(
     length: float, together: bool
 ) -> None:
     """The first as if there were no other; with less room the range is narrower."""
-    pipes = [WAYS["elbow"], {"kind": "straight", "length": length}, WAYS["elbow"]]
-    pipes[2] = WAYS["elbow"] | {"turn_deg": 130.0}
+    later = WAYS["elbow"] | {"turn_deg": 130.0}
+    pipes = [WAYS["elbow"], {"kind": "straight", "length": length}, later]
     two, one = (
         Aligner(Bench(scenario_of(*way, **{"control.align": True})).setup, "alignment").ranges
         for way in (pipes, ["elbow"])

@@ -329,7 +329,7 @@ def test_a_urdf_is_a_robot():
 
 @pytest.mark.parametrize("inertia", ["1e-5", "0"])
 def test_a_link_without_mass_weighs_what_its_geoms_do(inertia):
-    """Of a URDF, as of water, whatever inertia it states; that is told."""
+    """Of a URDF, at the density of water, whatever inertia it states; that is told."""
     text = URDF.format(ixx="1e-3").replace('<mass value="0.1"/>', '<mass value="0"/>')
     robot = robot_model(written(text.replace("1e-5", inertia), "cart.urdf"))
     assert robot.changes[0] == "inertias that no body has were changed, of rim"

@@ -26,7 +26,6 @@ from omnitrack_sim.warp import starts
 from omnitrack_sim.warp.episodes import course_of
 from omnitrack_sim.warp.omnitrack import driving
 from omnitrack_sim.warp.omnitrack import env as driving_env
-from omnitrack_sim.warp.starts import NETWORKS, SideBySide
 
 pytestmark = pytest.mark.device
 wp.config.quiet = True
@@ -116,12 +115,9 @@ def test_networks_that_stand_side_by_side_are_driven_as_alone():
     """Each robot's route is as long, and turns as often, as that of its mission alone; all lie in
     one assembly, which refuses pipes that overlap, and networks take turns."""
     sampler = EpisodeSampler(EnvOptions(scenario="random_network", fittings=(1, 3)))
-    side_by_side, values = (
-        SideBySide(sampler, 3, np.random.default_rng(4)),
-        np.random.default_rng(1),
-    )
-    rng = np.random.default_rng(4)
-    alone = [sampler.mission(int(rng.integers(NETWORKS))).route for _ in range(3)]
+    side_by_side = starts.SideBySide(sampler, 3, np.random.default_rng(4))
+    rng, values = np.random.default_rng(4), np.random.default_rng(1)
+    alone = [sampler.mission(int(rng.integers(starts.NETWORKS))).route for _ in range(3)]
     drawn = [side_by_side.draw(values).route for _ in range(4)]
     parts = sum(len(route.network.parts) for route in alone)
     assert all(len(route.network.parts) == parts for route in drawn)

@@ -217,7 +217,7 @@ def heading(rotation: Array, gear: NDArray[np.int_]) -> Array:
 
 
 def with_rows(values: NDArray, rows: NDArray, new: ArrayLike) -> NDArray:
-    """Return a copy of ``values`` (n, ...) with ``new`` (k, ...) in ``rows`` (k,).
+    """Return a copy of ``values`` (n, ...) with ``new`` (k, ...) in ``rows``: (k,), or a mask (n,).
 
     Holders of the original array see no change.
     """

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnitrack_sim.base.errors import Fault, InputError
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.calibration.logs import Log
 from omnitrack_sim.calibration.units import named_units, unit_of
 from omnitrack_sim.record.channels import Channel
@@ -52,7 +52,7 @@ class Target:
         """Return measured less simulated values (m,); angles by the shorter way."""
         difference = self.values - simulated
         if self.channel.display.wraps:
-            difference = np.remainder(difference + np.pi, 2 * np.pi) - np.pi
+            difference = wrap_angle(difference)
         return difference
 
     def simulated(self, trajectory: Trajectory, columns: Mapping[str, Array]) -> Array:

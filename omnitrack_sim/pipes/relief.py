@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from omnitrack_sim.base.errors import Fault, GeometryError, InputError
 from omnitrack_sim.base.reading import by_kind, checked
-from omnitrack_sim.base.rotations import Array
+from omnitrack_sim.base.rotations import Array, wrap_angle
 from omnitrack_sim.base.table import Angle, Positive, Table, Unit
 from omnitrack_sim.pipes.heights import PAD, Patch, total_height
 from omnitrack_sim.pipes.obstacles import Obstacle, bead, bed
@@ -272,7 +272,7 @@ class Dent(Relief):
         turn, half = math.radians(self.angle_deg), self.width / 2 / pipe.radius
 
         def height(s: Array, angle: Array) -> Array:
-            aside = (angle - turn + math.pi) % (2 * math.pi) - math.pi
+            aside = wrap_angle(angle - turn)
             square = (2 * (s - self.at) / self.length) ** 2 + (aside / half) ** 2
             return self.depth * np.maximum(1 - square, 0.0) ** 3
 

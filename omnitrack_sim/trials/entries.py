@@ -59,7 +59,9 @@ def robot_of(changes: Changes) -> Robot:
     """
     data: dict[str, Any] = {"robot": {}}
     for path, value in kinds_first(changes).items():
-        set_value(data, path, value)
+        # To set what is a controller's would look up its class, for nothing.
+        if path.startswith("robot."):
+            set_value(data, path, value)
     kind = data["robot"].pop("kind", DEFAULT)
     return checked(robot_class(str(kind)), data["robot"], InputError)
 

@@ -68,7 +68,11 @@ class Entries:
     numbers: Array
 
     def distinct(self, rows: NDArray[np.intp], bore: float) -> list[int]:
-        """Return the first of ``rows`` (k,) that are more than neighbours of those before them."""
+        """Return the first of ``rows`` (k,) that are no neighbours of each other.
+
+        Of two neighbours the first counts; at most ``RECOGNISER.starts`` are returned. Neighbours
+        are near in distance, by bores of ``bore`` m, and in turn.
+        """
         kept: list[int] = []
         for row in rows.tolist():
             apart = self.numbers[row] - self.numbers[kept]
@@ -783,9 +787,7 @@ def _reported(
         *name,
         {size.key: float(fits.sizes[0, i]) for i, size in enumerate(sizes)},
         straight if plain else float(numbers[DISTANCE]),
-        0.0
-        if plain or not form.period
-        else float((numbers[TURN] + math.pi) % (2 * math.pi) - math.pi),
+        0.0 if plain or not form.period else float(wrap_angle(numbers[TURN])),
         np.full((2, 2), np.inf) if plain else covariance[np.ix_(told, told)],
         confidence,
         numbers[ASIDE],

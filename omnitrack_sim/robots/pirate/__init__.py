@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, Pose, dot
+from omnitrack_sim.base.rotations import Array, Pose, dot, wrap_angle
 from omnitrack_sim.base.table import Positive
 from omnitrack_sim.pipes.route_map import Location, RouteMap
 from omnitrack_sim.robots.control import Actuation, Controller, ControlSetup, Observation
@@ -391,4 +391,4 @@ def bending(nodes: Array) -> Array:
     angles = np.arctan2((links @ x[:, :, None])[..., 0], (links @ z[:, :, None])[..., 0])
     # Of the rear each link hangs on the one ahead of it.
     turns = np.diff(angles, axis=1) * np.array([-1, -1, 1, 1])
-    return (turns + np.pi) % (2 * np.pi) - np.pi
+    return wrap_angle(turns)

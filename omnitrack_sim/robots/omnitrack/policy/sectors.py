@@ -11,7 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnitrack_sim.base.rotations import Array, matrix_from_quaternion, quaternion_from_matrix
+from omnitrack_sim.base.rotations import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    wrap_angle,
+)
 from omnitrack_sim.record.channels import Channel
 from omnitrack_sim.robots.control import Observation
 from omnitrack_sim.robots.omnitrack.channels import CHANNELS, MODULES
@@ -38,7 +43,7 @@ def counted_from(observation: Observation, first: NDArray[np.intp]) -> Observati
     if not np.count_nonzero(first):
         return observation
     rotation, location = _ROTATIONS[first], observation.location
-    theta5 = (location.theta5 + SECTOR * first + math.pi) % (2 * math.pi) - math.pi
+    theta5 = wrap_angle(location.theta5 + SECTOR * first)
     frame = location.frame @ rotation
     return Observation(
         _Readings(observation, first, rotation),
